@@ -1,0 +1,29 @@
+# `make train` and `make test` need only Python ≥ 3.11, pip and make; each sets up .venv once.
+PYTHON ?= python3
+BIN := .venv/bin
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+
+.PHONY: train test clean
+
+train: .venv/train
+	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
+
+test: .venv/test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest
+
+.venv/train: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+.venv/test: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable '.[dev]'
+	touch $@ .venv/train
+
+clean:
+	rm -rf .venv runs

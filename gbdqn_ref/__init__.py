@@ -1,0 +1,16 @@
+"""GB-DQN (arXiv 2512.17034) as an executable paper: NumPy only, hand-written, checked.
+
+Read the modules in this order, which is also the order of their imports: nn, optim, bellman, boosting, replay,
+tabular, physics, drift, config, dqn, gbdqn, baselines, stats, train, runs, plots, __main__.
+"""
+
+import os
+
+for _library in ("OPENBLAS", "OMP", "MKL"):  # 64 × 128 matrices are too small to share out: more threads, slower
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+__version__ = "0.1.0"
+
+
+class UsageError(ValueError):
+    """The caller gave something that cannot be used; the message says what is wrong and what would be right."""

@@ -1,0 +1,136 @@
+"""The command line: python -m gbdqn_ref train | compare."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from . import UsageError, plots, runs
+from .config import Config
+
+
+def main(arguments=None):
+    """Run a command; exit status 0, or 2 after one line on what was wrong."""
+    try:
+        args = _parser().parse_args(arguments)
+        args.command(args)
+    except (UsageError, OSError) as error:
+        print(f"gbdqn_ref: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\ngbdqn_ref: stopped; --resume goes on from the last checkpoint", file=sys.stderr)
+        return 130
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise UsageError(f"{message} (try {self.prog} --help)")
+
+
+def _parser():
+    parser = _Parser(prog="python -m gbdqn_ref", description="GB-DQN on drifting environments, in NumPy.")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--env", help="cartpole, mountaincar or acrobot")
+    common.add_argument("--seed", type=int, help="default 0")
+    common.add_argument("--preset", help="paper (default) or fast")
+    common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable")
+    common.add_argument("--quiet", action="store_true", help="no progress bar")
+    train = commands.add_parser("train", parents=[common], help="train one agent into a folder")
+    train.add_argument("--agent", help="gbdqn (default) or dqn")
+    train.add_argument("--out", help="folder; default runs/ENV-AGENT-SEED")
+    train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
+    train.set_defaults(command=_train)
+    compare = commands.add_parser("compare", parents=[common], help="train several agents and compare them")
+    compare.add_argument("--agents", default="gbdqn,dqn", help="default gbdqn,dqn")
+    compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
+    compare.set_defaults(command=_compare)
+    return parser
+
+
+def _config(args, agent):
+    """The config that the options describe."""
+    values = dict(_setting(text) for text in args.set)
+    chosen = {"agent": agent, "seed": args.seed}
+    values |= {key: value for key, value in chosen.items() if value is not None}
+    return Config.preset(args.env or "cartpole", args.preset or "paper", **values)
+
+
+def _setting(text):
+    """("lr", 0.001) from "lr=0.001"; what is no JSON is taken as a word."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {text!r}")
+    try:
+        return key.strip(), json.loads(value)
+    except json.JSONDecodeError:
+        return key.strip(), value
+
+
+def _train(args):
+    described = any(value not in (None, []) for value in (args.env, args.agent, args.seed, args.preset, args.set))
+    if args.resume and not described:
+        if not args.out:
+            raise UsageError("--resume needs the --out of the run to go on with")
+        config = runs.read_config(args.out)
+    else:
+        config = _config(args, args.agent)
+    out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
+    summary = runs.train(config, out, args.resume, args.quiet)
+    _print_table({config.agent: summary}, config)
+    print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
+
+
+def _compare(args):
+    configs = {agent: _config(args, agent) for agent in args.agents.split(",")}
+    config = next(iter(configs.values()))
+    out = Path(args.out or f"runs/{config.env}")
+    summaries = {}
+    for agent, config in configs.items():
+        known = (out / agent / "config.json").exists()
+        summaries[agent] = runs.train(config, out / agent, known, args.quiet)
+    records = {agent: runs.read_episodes(out / agent) for agent in configs}
+    plots.learning_curves(records, config, summaries[config.agent]["random_return"], out / "comparison.png")
+    _print_table(summaries, config)
+    print(f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train anew)")
+
+
+def _print_table(summaries, config):
+    """Per regime and agent the mean return, the drop and the recovery; then the final return."""
+    names = [plots.NAMES[agent] for agent in summaries]
+    print(f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
+    print(f"\n{'regime':32}" + "".join(f"{name:>11}{'drop':>7}{'recovery':>10}" for name in names))
+    tables = [summary["regimes"] for summary in summaries.values()]
+    for rows in zip(*tables, strict=True):
+        cells = [f"{row['mean_return']:11.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
+        print(f"{_label(rows[0], config):32}" + "".join(cells))
+    final = "".join(f"{summary['final_return']:11.1f}{'':17}" for summary in summaries.values())
+    print(f"{'final (last 50 episodes)':32}{final}")
+    level = next(iter(summaries.values()))["random_return"]
+    print(f"{'random policy, stock physics':32}{level:11.1f}")
+    for agent, summary in summaries.items():
+        if "recency_share_of_replay" in summary:
+            print(
+                f"\n{plots.NAMES[agent]} ended with {summary['recency_share_of_replay']:.0%} of its samples by recency"
+            )
+    print("\ndrop: part of the level before the drift lost in the first 20 episodes after it (random policy = 0)")
+    print("recovery: episodes until a mean of 10 is back at 90 % of that level; never: not within the regime")
+
+
+def _label(row, config):
+    entry = next((entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {})
+    changed = [f"{name} × {value:g}" for name, value in entry.items() if name not in ("episode", "reset")]
+    return f"{row['regime']}  {', '.join(changed) or 'stock physics'}"
+
+
+def _drop(row):
+    return "–" if row["drop"] is None else f"{row['drop']:.0%}"
+
+
+def _recovery(row):
+    return "–" if row["drop"] is None else str(row["recovery"] or "never")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""One dataclass that says everything about a run, and the presets. Nothing here learns.
+
+Marks: "paper" is a value that the paper gives, "ours" one that it leaves open (D13) or that a laptop needs (D14).
+"""
+
+import difflib
+import json
+from dataclasses import asdict, dataclass, fields
+from math import isfinite
+
+from . import UsageError
+from .drift import ENVIRONMENTS, check_schedule
+
+
+@dataclass(frozen=True)
+class Config:
+    """The resolved settings of one run; the same config gives the same bytes on one machine.
+
+    >>> Config(env="acrobot", agent="gbdqn").replay
+    'recency'
+    >>> Config(gamma=1.5)
+    Traceback (most recent call last):
+    gbdqn_ref.UsageError: gamma must be in [0, 1), not 1.5
+    """
+
+    env: str = "cartpole"
+    """What is learnt: cartpole, mountaincar or acrobot."""
+    agent: str = "gbdqn"
+    """Who learns: gbdqn or dqn."""
+    seed: int = 0
+    """Seed of the agent's generator; with the episode's number it also seeds each reset, so agents are paired."""
+    episodes: int = 600
+    """How many episodes a run has."""
+    schedule: list | tuple = ()
+    """When the physics drift, and to what: a list like [{"episode": 150, "gravity": 1.5}] (see drift)."""
+
+    gamma: float = 0.99
+    """Discount γ."""
+    hidden: tuple = (128, 128)
+    """Widths of the hidden layers; () makes the network linear, hence a table on one-hot states."""
+    lr: float = 1e-3
+    """Adam's step size."""
+    max_grad_norm: float = 10.0
+    """The gradient is scaled down to this norm where it is longer."""
+    batch_size: int = 64
+    """Transitions per update."""
+    learning_starts: int = 1_000
+    """Environment steps before the first update."""
+    update_every: int = 4
+    """Environment steps between two rounds of updates."""
+    gradient_steps: int = 1
+    """Updates in a round."""
+    tau: float = 0.01
+    """Polyak coefficient τ of the target network, applied at each update."""
+
+    behaviour: str = "epsilon-greedy"
+    """How the agent explores: epsilon-greedy as in the experiments, or softmax as in Algorithm 1."""
+    epsilon_start: float = 1.0
+    """ε at the first step."""
+    epsilon_end: float = 0.05
+    """ε from epsilon_decay_steps on."""
+    epsilon_decay_steps: int = 20_000
+    """Environment steps over which ε falls, linearly."""
+    temperature: float = 1.0
+    """Temperature τ of the softmax policy."""
+
+    capacity: int = 50_000
+    """Transitions that the replay buffer holds."""
+    replay: str | None = None
+    """uniform, proportional or recency; None is the paper's choice: recency for gbdqn, proportional for the others."""
+    priority_offset: float = 0.01
+    """ε in p^TD = (|δ| + ε)^γ."""
+    priority_exponent: float = 0.6
+    """γ in p^TD = (|δ| + ε)^γ."""
+    is_exponent: float = 0.4
+    """β in the importance weights w = (1 / (N P))^β."""
+    normalise: str | None = "batch"
+    """Importance weights are divided by the batch's largest ("batch") or left as they are (None)."""
+    mix: float = 0.3
+    """β in p = β p^TD + (1 − β) p^time (Eq. 10)."""
+    recency_rate: float = 1e-4
+    """α in p^time = exp(−α age), per transition."""
+
+    target: str = "live"
+    """gbdqn bootstraps and acts with the sum including the learner in training (live), or without it (frozen)."""
+    alpha: float | str = 0.1
+    """gbdqn's α_m of boosters 2, 3, …: a number, as η_boost in the experiments, or "closed-form" (Eq. 8)."""
+    loss_on: str = "alpha_h"
+    """gbdqn fits α h to the residual (alpha_h, Eq. 5), or h (h, Algorithm 1 line 19)."""
+    zero_output: bool = True
+    """gbdqn's new boosters start as the zero function, so that adding one changes no action."""
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            kind = field.type if isinstance(field.type, type) else None
+            if kind is float and type(value) is int:
+                object.__setattr__(self, field.name, value := float(value))
+            if kind is tuple and isinstance(value, list):
+                object.__setattr__(self, field.name, value := tuple(value))
+            if kind and type(value) is not kind:
+                raise UsageError(f"{field.name} must be {KINDS[kind]}, not {value!r}")
+            if field.name in CHOICES and value not in CHOICES[field.name]:
+                options = ", ".join(str(choice) for choice in CHOICES[field.name])
+                raise UsageError(f"unknown {field.name} {value!r}; choose one of {options}")
+            for name, (what, holds) in RULES.items():
+                if name == field.name and not holds(value):
+                    raise UsageError(f"{name} must be {what}, not {value!r}")
+        if self.replay is None:
+            object.__setattr__(self, "replay", "recency" if self.agent == "gbdqn" else "proportional")
+        check_schedule(self.env, self.schedule)
+        object.__setattr__(self, "schedule", [dict(entry) for entry in self.schedule])
+
+    @classmethod
+    def preset(cls, env, name="paper", **values):
+        """The settings of the paper for this environment, or the fast ones; `values` take precedence.
+
+        >>> Config.preset("acrobot", agent="dqn").capacity
+        50000
+        """
+        if env not in ENVIRONMENTS:
+            raise UsageError(f"unknown environment {env!r}; choose one of {', '.join(ENVIRONMENTS)}")
+        if name not in PRESETS:
+            raise UsageError(f"unknown preset {name!r}; choose one of {', '.join(PRESETS)}")
+        return cls.from_dict({"env": env} | PRESETS[name][env] | values)
+
+    @classmethod
+    def from_dict(cls, values):
+        """A config from a mapping such as the one in config.json; UsageError names a field that there is not."""
+        names = [field.name for field in fields(cls)]
+        for name in values:
+            if name not in names:
+                near = difflib.get_close_matches(name, names, 1)
+                raise UsageError(f"there is no setting {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+        return cls(**values)
+
+    def to_dict(self):
+        """Plain JSON types; from_dict(to_dict()) is the same config."""
+        return json.loads(json.dumps(asdict(self)))
+
+
+def _number(value):
+    return type(value) in (int, float) and isfinite(value)
+
+
+KINDS = {int: "a whole number", float: "a number", str: "a word", bool: "true or false", tuple: "a list"}
+CHOICES = {
+    "env": tuple(ENVIRONMENTS),
+    "agent": ("gbdqn", "dqn"),
+    "behaviour": ("epsilon-greedy", "softmax"),
+    "replay": (None, "uniform", "proportional", "recency"),
+    "normalise": ("batch", None),
+    "target": ("live", "frozen"),
+    "loss_on": ("alpha_h", "h"),
+}
+COUNT = ("a whole number from 1 to 10,000,000", lambda n: 1 <= n <= 10_000_000)
+FRACTION = ("between 0 and 1", lambda x: 0 <= x <= 1)
+POSITIVE = ("a positive finite number", lambda x: isfinite(x) and x > 0)
+NOT_NEGATIVE = ("a finite number from 0 on", lambda x: isfinite(x) and x >= 0)
+RULES = {
+    "seed": ("a whole number from 0 on", lambda n: n >= 0),
+    "gamma": ("in [0, 1)", lambda x: 0 <= x < 1),
+    "hidden": (
+        "a list of widths from 1 to 4096, like [128, 128]",
+        lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
+    ),
+    "alpha": ('a positive number or "closed-form"', lambda a: a == "closed-form" or _number(a) and a > 0),
+    "recency_rate": NOT_NEGATIVE,
+    "priority_exponent": NOT_NEGATIVE,
+    **dict.fromkeys(("episodes", "batch_size", "learning_starts", "update_every", "gradient_steps"), COUNT),
+    **dict.fromkeys(("epsilon_decay_steps", "capacity"), COUNT),
+    **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), FRACTION),
+    **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), POSITIVE),
+}
+
+ACROBOT = dict(
+    episodes=600,  # paper
+    gamma=0.99,  # paper
+    hidden=(128, 128),  # paper
+    lr=1e-3,  # paper
+    max_grad_norm=10.0,  # paper
+    capacity=50_000,  # paper
+    batch_size=64,  # paper
+    learning_starts=1_000,  # paper
+    update_every=4,  # paper
+    tau=0.01,  # paper
+    epsilon_start=1.0,  # paper
+    epsilon_end=0.05,  # paper
+    epsilon_decay_steps=20_000,  # paper
+    alpha=0.1,  # paper (η_boost)
+    schedule=[  # the episodes and what drifts: paper; the factors: ours (D13)
+        {"episode": 150, "gravity": 1.5},
+        {"episode": 250, "mass": 1.5},
+        {"episode": 350, "gravity": 1.5, "mass": 1.5},
+        {"episode": 450, "reset": True},
+    ],
+)
+MOUNTAINCAR = dict(
+    episodes=600,  # paper
+    gamma=0.99,  # paper
+    alpha=0.1,  # paper (η_boost)
+    lr=4e-3,  # ours (D13), as all below: with Acrobot's settings nothing is learnt
+    update_every=16,
+    gradient_steps=8,
+    tau=0.02,
+    schedule=[  # the episodes and what drifts: paper; the factors: ours (D13)
+        {"episode": 150, "gravity": 1.3},
+        {"episode": 250, "force": 0.8},
+        {"episode": 350, "gravity": 1.3, "force": 0.9},
+        {"episode": 450, "reset": True},
+    ],
+)
+CARTPOLE = dict(  # ours (D13), all of it: the paper mentions CartPole in its conclusion and does not show it
+    episodes=600,
+    schedule=[
+        {"episode": 150, "gravity": 2.0},
+        {"episode": 250, "length": 3.0},
+        {"episode": 350, "gravity": 2.0, "length": 3.0},
+        {"episode": 450, "reset": True},
+    ],
+)
+PRESETS = {
+    "paper": {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT},
+    "fast": {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT},
+}

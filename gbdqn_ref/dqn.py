@@ -1,0 +1,87 @@
+"""DQN (Mnih et al. 2015) with a soft target network: the ancestor, and with prioritized replay the first baseline."""
+
+import numpy as np
+
+from . import bellman
+from .nn import MLP
+from .optim import Adam, clip_by_norm, polyak
+from .replay import ProportionalReplay, RecencyReplay, UniformReplay
+
+
+class DQN:
+    """One network Q(s, a; θ), fitted to y = r + γ (1 − terminated) max_a' Q(s', a'; θ̄).
+
+    An agent acts, observes, learns, and is told when the physics drift. `config` is a config.Config, `rng` the
+    generator from which every random number of the agent comes.
+    """
+
+    def __init__(self, state_dim, n_actions, config, rng):
+        self.config, self.rng, self.n_actions = config, rng, n_actions
+        self.net = MLP((state_dim, *config.hidden, n_actions))
+        self.theta = self.net.init(rng)  # (P,)
+        self.theta_target = self.theta.copy()
+        self.adam = Adam(self.net.size, config.lr)
+        self.replay = make_replay(config, state_dim)
+        self.steps = 0
+
+    def q(self, s):
+        """Q(s, ·): (…, d) → (…, A)."""
+        return self.net.forward(self.theta, s[None])[0][0]
+
+    @property
+    def epsilon(self):
+        """ε of the next action; 0 where the behaviour is softmax."""
+        c = self.config
+        if c.behaviour == "softmax":
+            return 0.0
+        return bellman.epsilon_schedule(self.steps, c.epsilon_start, c.epsilon_end, c.epsilon_decay_steps)
+
+    def act(self, s, greedy=False):
+        """An action for the state s (d,): by the behaviour policy, or the greedy one."""
+        if greedy:
+            return int(self.q(s).argmax())
+        if self.config.behaviour == "softmax":
+            return bellman.softmax_sample(self.q(s), self.config.temperature, self.rng)
+        return bellman.epsilon_greedy(self.q(s), self.epsilon, self.rng)
+
+    def observe(self, s, a, r, s2, terminated):
+        """Remember a transition; `terminated` is not to include truncation by a time limit."""
+        self.replay.add(s, a, r, s2, terminated)
+        self.steps += 1
+
+    def learn(self):
+        """One update of θ and θ̄ from one batch; returns the batch's mean |δ|."""
+        c = self.config
+        batch = self.replay.sample(c.batch_size, self.rng)
+        q_next, _ = self.net.forward(self.theta_target, batch.s2)
+        y = bellman.td_target(batch.r, batch.terminated, q_next, c.gamma)  # (B,)
+        q, cache = self.net.forward(self.theta, batch.s)  # (B, A)
+        delta = y - q[np.arange(len(y)), batch.a]
+        dq = bellman.loss_gradient(delta, batch.weight, batch.a, self.n_actions)
+        grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
+        self.adam.step(self.theta, grad)
+        polyak(self.theta_target, self.theta, c.tau)
+        self.replay.update_priorities(batch.index, delta)
+        return float(np.abs(delta).mean())
+
+    def on_drift(self, event):
+        """The physics have changed ("drift"), are the stock ones again ("reset"), or the run is over ("end").
+
+        DQN does nothing about it: it keeps learning.
+        """
+
+
+def make_replay(config, state_dim):
+    """The replay buffer that the config names."""
+    c = config
+    if c.replay == "uniform":
+        return UniformReplay(c.capacity, state_dim)
+    proportional = dict(
+        priority_offset=c.priority_offset,
+        priority_exponent=c.priority_exponent,
+        is_exponent=c.is_exponent,
+        normalise=c.normalise,
+    )
+    if c.replay == "proportional":
+        return ProportionalReplay(c.capacity, state_dim, **proportional)
+    return RecencyReplay(c.capacity, state_dim, mix=c.mix, recency_rate=c.recency_rate, **proportional)

@@ -1,0 +1,107 @@
+"""When it drifts: a schedule of regimes by episode, and the wrapper that applies it between episodes.
+
+    schedule = [{"episode": 150, "gravity": 1.5}, {"episode": 350, "gravity": 1.5, "mass": 1.5},
+                {"episode": 450, "reset": True}]
+
+Episodes count from 0. An entry describes its whole regime as factors on the stock constants: what it does not name is
+1. {"reset": True} restores everything. Before the first entry the physics are the stock ones.
+"""
+
+import inspect
+from math import isfinite
+
+import gymnasium
+from gymnasium.utils import RecordConstructorArgs
+
+from . import UsageError, physics
+
+ENVIRONMENTS = {  # name: (Gymnasium's id, the setter of its physics)
+    "cartpole": ("CartPole-v1", physics.set_cartpole),
+    "mountaincar": ("MountainCar-v0", physics.set_mountaincar),
+    "acrobot": ("gbdqn_ref/Acrobot-v1", physics.set_acrobot),
+}
+MAY_BE_NEGATIVE = {"force"}  # a reversed actuator is a drift, a negative mass is a mistake
+
+
+def factors_of(name):
+    """The names of what can drift in an environment, with 1.0 for each.
+
+    >>> factors_of("mountaincar")
+    {'gravity': 1.0, 'force': 1.0}
+    """
+    _, setter = environment(name)
+    return {key: 1.0 for key, parameter in inspect.signature(setter).parameters.items() if key != "env"}
+
+
+def environment(name):
+    """(Gymnasium's id, setter) of a named environment; UsageError if there is none."""
+    if name not in ENVIRONMENTS:
+        raise UsageError(f"unknown environment {name!r}; choose one of {', '.join(ENVIRONMENTS)}")
+    return ENVIRONMENTS[name]
+
+
+def check_schedule(name, schedule):
+    """The schedule as [(episode, factors, event)], the stock regime first; UsageError where it makes no sense."""
+    stock, regimes = factors_of(name), []
+    if not isinstance(schedule, (list, tuple)) or not all(isinstance(entry, dict) for entry in schedule):
+        raise UsageError(f'schedule must be a list of entries like {{"episode": 9, "gravity": 1.5}}, not {schedule!r}')
+    for entry in schedule:
+        factors = {key: value for key, value in entry.items() if key not in ("episode", "reset")}
+        episode, reset = entry.get("episode"), entry.get("reset", False)
+        if type(episode) is not int or episode < 0:
+            raise UsageError(f"schedule entry {entry} needs an 'episode', an integer from 0 on")
+        if regimes and episode <= regimes[-1][0]:
+            raise UsageError(f"schedule episodes must increase, but {episode} follows {regimes[-1][0]}")
+        if type(reset) is not bool or bool(factors) == reset:
+            raise UsageError(f"schedule entry {entry} must name factors ({', '.join(stock)}) or say 'reset': True")
+        for key, value in factors.items():
+            if key not in stock:
+                raise UsageError(f"{name} has no {key!r} that could drift; it has {', '.join(stock)}")
+            if type(value) not in (int, float) or not isfinite(value) or value <= 0 and key not in MAY_BE_NEGATIVE:
+                raise UsageError(f"schedule factor {key!r} must be a positive finite number, not {value!r}")
+        regimes.append((episode, stock | factors, "reset" if reset else "drift"))
+    return regimes if regimes and regimes[0][0] == 0 else [(0, stock, None), *regimes]
+
+
+class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
+    """Changes the physics of a named environment between episodes, as its schedule says.
+
+    reset() counts episodes; reset(options={"episode": k}) starts episode k instead. `info` of every reset and step
+    carries `regime` (0, 1, …), `factors` (all of them) and `event`: "drift" or "reset" in the first episode of a
+    regime, else None. Observations, rewards and time limit stay as they are.
+    """
+
+    def __init__(self, env, schedule=None):
+        schedule = list(schedule or [])
+        RecordConstructorArgs.__init__(self, schedule=schedule)
+        super().__init__(env)
+        name = next((name for name, (id, _) in ENVIRONMENTS.items() if id == env.spec.id), env.spec.id)
+        self.regimes, self._set = check_schedule(name, schedule), environment(name)[1]
+        self.episode, self.regime = -1, 0
+
+    def reset(self, *, seed=None, options=None):
+        options = dict(options or {})
+        self.episode = options.pop("episode", self.episode + 1)
+        self.regime = max(i for i, (start, _, _) in enumerate(self.regimes) if start <= self.episode)
+        self._set(self.env.unwrapped, **self.regimes[self.regime][1])
+        s, info = self.env.reset(seed=seed, options=options)
+        return s, info | self._info()
+
+    def step(self, action):
+        s2, r, terminated, truncated, info = self.env.step(action)
+        return s2, r, terminated, truncated, info | self._info()
+
+    def _info(self):
+        start, factors, event = self.regimes[self.regime]
+        begins = start == self.episode > 0
+        return {"regime": self.regime, "factors": dict(factors), "event": event if begins else None}
+
+
+def make(name, schedule=None, **kwargs):
+    """The named environment with its time limit, drifting by the schedule; kwargs go to gymnasium.make.
+
+    >>> env = make("cartpole", [{"episode": 1, "length": 4.0}])
+    >>> [env.reset(seed=seed)[1]["factors"]["length"] for seed in (0, 1)], float(env.unwrapped.length)
+    ([1.0, 4.0], 2.0)
+    """
+    return DriftWrapper(gymnasium.make(environment(name)[0], disable_env_checker=True, **kwargs), schedule)

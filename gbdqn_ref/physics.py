@@ -1,0 +1,115 @@
+"""What drifts: one setter per environment, which knows the quantities that depend on the one that is changed.
+
+Every argument of a setter is a factor on the stock constant: 1 is the stock environment, and calling a setter without
+arguments restores it. A setter writes all that it governs, from the stock constants, so no call builds on an earlier
+one. It takes the unwrapped environment (an attribute set on a wrapper has no effect) and writes to the instance.
+"""
+
+from math import cos, pi, sin
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+
+CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, only read
+
+
+class Acrobot(AcrobotEnv):
+    """Acrobot-v1 with a gravity that can change (the stock class has 9.8 in the middle of a function).
+
+    The equations of motion are the stock ones (Sutton & Barto's book version), integrated by the same fourth-order
+    Runge-Kutta step on plain floats, which takes a fraction of the time. It agrees with the stock class to
+    1e-12 per step instead of to the bit, since math.cos and numpy.cos may differ in the last place.
+    """
+
+    gravity = 9.8  # m/s²
+
+    def step(self, a):
+        torque, dt = self.AVAIL_TORQUE[a], self.dt
+        y = tuple(map(float, self.state))
+        k1 = self._derivative(*y, torque)
+        k2 = self._derivative(*(yi + dt / 2 * ki for yi, ki in zip(y, k1, strict=True)), torque)
+        k3 = self._derivative(*(yi + dt / 2 * ki for yi, ki in zip(y, k2, strict=True)), torque)
+        k4 = self._derivative(*(yi + dt * ki for yi, ki in zip(y, k3, strict=True)), torque)
+        theta1, theta2, speed1, speed2 = (
+            yi + dt / 6 * (a + 2 * b + 2 * c + d) for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
+        )
+        self.state = (
+            _wrap(theta1),
+            _wrap(theta2),
+            min(max(speed1, -self.MAX_VEL_1), self.MAX_VEL_1),
+            min(max(speed2, -self.MAX_VEL_2), self.MAX_VEL_2),
+        )
+        terminated = self._terminal()
+        if self.render_mode == "human":
+            self.render()
+        return self._get_ob(), 0.0 if terminated else -1.0, terminated, False, {}
+
+    def _derivative(self, theta1, theta2, speed1, speed2, torque):
+        """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque in N m on the second joint."""
+        m1, m2, l1, lc1, lc2 = (
+            self.LINK_MASS_1, self.LINK_MASS_2, self.LINK_LENGTH_1, self.LINK_COM_POS_1, self.LINK_COM_POS_2
+        )  # fmt: skip
+        g, moi, cos2, sin2 = self.gravity, self.LINK_MOI, cos(theta2), sin(theta2)
+        d1 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * cos2) + moi + moi
+        d2 = m2 * (lc2**2 + l1 * lc2 * cos2) + moi
+        phi2 = m2 * lc2 * g * cos(theta1 + theta2 - pi / 2)
+        phi1 = (
+            -m2 * l1 * lc2 * speed2**2 * sin2
+            - 2 * m2 * l1 * lc2 * speed2 * speed1 * sin2
+            + (m1 * lc1 + m2 * l1) * g * cos(theta1 - pi / 2)
+            + phi2
+        )
+        acceleration2 = (torque + d2 / d1 * phi1 - m2 * l1 * lc2 * speed1**2 * sin2 - phi2) / (
+            m2 * lc2**2 + moi - d2**2 / d1
+        )
+        return speed1, speed2, -(d2 * acceleration2 + phi1) / d1, acceleration2
+
+    def _get_ob(self):
+        theta1, theta2, speed1, speed2 = self.state
+        return np.array([cos(theta1), sin(theta1), cos(theta2), sin(theta2), speed1, speed2], np.float32)
+
+    def _terminal(self):
+        return -cos(self.state[0]) - cos(self.state[1] + self.state[0]) > 1
+
+
+def _wrap(angle):
+    """The same angle in [−π, π]."""
+    while angle > pi:
+        angle -= 2 * pi
+    while angle < -pi:
+        angle += 2 * pi
+    return angle
+
+
+gymnasium.register("gbdqn_ref/Acrobot-v1", f"{__name__}:Acrobot", max_episode_steps=500, reward_threshold=-100.0)
+
+
+def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=1.0):
+    """Gravity, masses of cart and pole, length of the pole, force of a push; total_mass and polemass_length follow."""
+    env.gravity = CARTPOLE.gravity * gravity
+    env.masscart = CARTPOLE.masscart * cart_mass
+    env.masspole = CARTPOLE.masspole * pole_mass
+    env.length = CARTPOLE.length * length  # half the pole's length, in m
+    env.force_mag = CARTPOLE.force_mag * force
+    env.total_mass = env.masscart + env.masspole
+    env.polemass_length = env.masspole * env.length
+
+
+def set_mountaincar(env, gravity=1.0, force=1.0):
+    """Gravity and the force of the engine, both in position units per step²."""
+    env.gravity = MOUNTAINCAR.gravity * gravity
+    env.force = MOUNTAINCAR.force * force
+
+
+def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0):
+    """Gravity, mass of both links, length of both links.
+
+    A moment of inertia is a mass times a squared length, so it scales with mass · length²; the centre of mass stays at
+    the same fraction of a link. The goal, one link's length above the pivot, is a matter of angles and scales along.
+    """
+    env.gravity = Acrobot.gravity * gravity
+    env.LINK_MASS_1, env.LINK_MASS_2 = Acrobot.LINK_MASS_1 * mass, Acrobot.LINK_MASS_2 * mass
+    env.LINK_LENGTH_1, env.LINK_LENGTH_2 = Acrobot.LINK_LENGTH_1 * length, Acrobot.LINK_LENGTH_2 * length
+    env.LINK_COM_POS_1, env.LINK_COM_POS_2 = Acrobot.LINK_COM_POS_1 * length, Acrobot.LINK_COM_POS_2 * length
+    env.LINK_MOI = Acrobot.LINK_MOI * mass * length**2

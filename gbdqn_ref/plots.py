@@ -1,0 +1,53 @@
+"""Every picture. Nothing here computes more than it shows."""
+
+import io
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from . import drift, stats
+from .checkpoint import write_atomically
+
+NAMES = {"gbdqn": "GB-DQN", "dqn": "DQN", "cartpole": "CartPole", "mountaincar": "MountainCar", "acrobot": "Acrobot"}
+COLOURS = {"gbdqn": "#0072B2", "dqn": "#D55E00"}  # Okabe & Ito: told apart by every eye, and in grey
+MARKS = {"gbdqn": "o", "dqn": "^"}
+SMOOTHING = 15
+
+
+def learning_curves(runs, config, random_return, path):
+    """Return per episode of each agent in {agent: records}, as points and trailing means, with the drifts marked."""
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for agent, records in runs.items():
+        episode, returns = np.array([(record["episode"], record["return"]) for record in records]).T
+        axes.plot(episode, returns, MARKS[agent], color=COLOURS[agent], markersize=2.5, alpha=0.3, markeredgewidth=0)
+        smooth = stats.trailing_mean(returns, SMOOTHING)
+        axes.plot(episode[SMOOTHING - 1 :], smooth, color=COLOURS[agent], linewidth=2.2, label=NAMES[agent])
+    axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
+    _mark_regimes(axes, config)
+    axes.set(xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})")
+    title = f"{NAMES[config.env]}, seed {config.seed}: the physics change at the dashed lines"
+    axes.set_title(title, loc="left", pad=34)
+    axes.legend(loc="lower right", framealpha=0.9)
+    axes.spines[["top", "right"]].set_visible(False)
+    picture = io.BytesIO()
+    figure.savefig(picture, dpi=120, format="png")
+    write_atomically(path, lambda file: file.write(picture.getvalue()))
+
+
+def _mark_regimes(axes, config):
+    """Shade the regimes in turn, and say above each what is not as in the stock physics."""
+    regimes = [regime for regime in drift.check_schedule(config.env, config.schedule) if regime[0] < config.episodes]
+    starts = [start for start, _, _ in regimes]
+    axes.set_xlim(0, config.episodes)
+    for (start, factors, event), end in zip(regimes, [*starts[1:], config.episodes], strict=True):
+        if any(factor != 1 for factor in factors.values()):
+            axes.axvspan(start, end, color="0.93", zorder=0)
+        if start:
+            axes.axvline(start, color="0.25", linewidth=1, linestyle="--")
+        changed = [f"{name.replace('_', ' ')} × {value:g}" for name, value in factors.items() if value != 1]
+        label = "\n".join(changed) or ("reset:\nstock physics" if event == "reset" else "stock physics")
+        middle, above = (start + end) / 2, axes.get_xaxis_transform()
+        axes.text(middle, 1.01, label, transform=above, ha="center", va="bottom", fontsize=9)

@@ -1,0 +1,246 @@
+"""Replay buffers: uniform, proportional to TD error (Schaul et al. 2016), and mixed with recency (Eqs. 10–11).
+
+Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age = transitions added since (newest 0),
+slot = place in the ring. Everything per sample is (B,).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Batch(NamedTuple):
+    """B sampled transitions: index (B,) slots, s (B, d), a (B,), r (B,), s2 (B, d), terminated (B,), weight (B,)."""
+
+    index: np.ndarray
+    s: np.ndarray
+    a: np.ndarray
+    r: np.ndarray
+    s2: np.ndarray
+    terminated: np.ndarray
+    weight: np.ndarray
+
+
+def td_priority(delta, priority_offset, priority_exponent):
+    """p^TD = (|δ| + ε)^γ, with ε the offset and γ the exponent of the paper (section "Recency and TD-error …")."""
+    return (np.abs(delta) + priority_offset) ** priority_exponent
+
+
+def time_priority(age, recency_rate):
+    """p^time = exp(−α · age), age in transitions added since (D5): 1 for the newest, in (0, 1] for all."""
+    return np.exp(-recency_rate * np.asarray(age, np.float64))
+
+
+def mixed_priority(p_td, p_time, mix):
+    """p = β p^TD + (1 − β) p^time  (Eq. 10), with β = mix."""
+    return mix * p_td + (1 - mix) * p_time
+
+
+def importance_weights(probabilities, n, is_exponent, normalise="batch"):
+    """w = (1 / (N P))^β, divided by the batch's largest ("batch", as in the paper) or not at all (None); (B,) → (B,).
+
+    Only exponent 1 without normalisation makes the weighted mean unbiased.
+
+    >>> importance_weights(np.array([0.8, 0.2]), 2, 1.0).tolist()
+    [0.25, 1.0]
+    """
+    if normalise not in ("batch", None):
+        raise ValueError(f'normalise must be "batch" or None, not {normalise!r}')
+    weight = (n * probabilities) ** -is_exponent
+    return weight / weight.max() if normalise else weight
+
+
+class UniformReplay:
+    """A ring of the last `capacity` transitions, each as likely as any other.
+
+    slot:   0    1    2    3    4          capacity 5 after 7 transitions (0 … 6):
+          | t5 | t6 | t2 | t3 | t4 |       the next one goes to slot 2,
+                  ↑ newest, age 0          where the oldest is, age 4
+    """
+
+    def __init__(self, capacity, state_dim):
+        self.capacity, self.added = int(capacity), 0
+        self.s, self.s2 = np.zeros((2, self.capacity, state_dim), np.float32)
+        self.a = np.zeros(self.capacity, np.int64)
+        self.r = np.zeros(self.capacity, np.float32)
+        self.terminated = np.zeros(self.capacity, bool)
+
+    def __len__(self):
+        return min(self.added, self.capacity)
+
+    def add(self, s, a, r, s2, terminated):
+        """Store a transition over the oldest one when full; returns its slot."""
+        slot = self.added % self.capacity
+        self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = s, a, r, s2, terminated
+        self.added += 1
+        return slot
+
+    def age(self, slot):
+        """Transitions added since the one in this slot (or slots): 0 … N − 1."""
+        return (self.added - 1 - slot) % self.capacity
+
+    def sample(self, batch_size, rng):
+        """A Batch of independent draws with replacement, P(i) = 1/N."""
+        index = rng.integers(len(self), size=batch_size)
+        return self._batch(index, np.ones(batch_size, np.float32))
+
+    def _batch(self, index, weight):
+        return Batch(index, self.s[index], self.a[index], self.r[index], self.s2[index], self.terminated[index], weight)
+
+    def probabilities(self):
+        """P (N,), by slot: what sample() draws from."""
+        return np.full(len(self), 1 / len(self))
+
+    def update_priorities(self, index, delta):
+        """Take note of the TD errors (B,) of the transitions in these slots; here nothing depends on them."""
+
+    def check_valid(self):
+        """Raise AssertionError unless the ring is consistent."""
+        assert 0 <= len(self) <= self.capacity and self.added >= len(self)
+        assert sorted(self.age(np.arange(len(self)))) == list(range(len(self)))
+        for array in (self.s, self.a, self.r, self.s2, self.terminated):
+            assert not array[len(self) :].any(), "an empty slot holds something"
+
+
+class SumTree:
+    """Non-negative numbers whose sum, and a draw in proportion to them, cost O(log N) instead of O(N).
+
+    Each number of a level is the sum of FAN numbers below it (here FAN = 4; 16 in the code, for fewer levels):
+
+        levels[2]            36
+        levels[1]      10           26
+        levels[0]   1 2 3 4      5 6 7 8     u = 17 of 36: 17 ≥ 10, so the right child with 7 left: 5 ≤ 7 < 5 + 6
+    """
+
+    FAN = 16
+
+    def __init__(self, size):
+        self.levels = [np.zeros(-(-size // self.FAN) * self.FAN)]
+        while len(self.levels[-1]) > self.FAN:
+            above = -(-len(self.levels[-1]) // self.FAN)
+            self.levels.append(np.zeros(-(-above // self.FAN) * self.FAN))
+
+    @property
+    def leaves(self):
+        return self.levels[0]
+
+    def total(self):
+        return float(self.levels[-1].sum())
+
+    def set(self, index, value):
+        """Write leaves and sum anew above them: sums of the children, never differences, so that no error builds up."""
+        self.leaves[index] = value
+        for below, above in zip(self.levels, self.levels[1:], strict=False):
+            index = index // self.FAN
+            above[index] = below.reshape(-1, self.FAN)[index].sum(-1)
+
+    def find(self, u):
+        """The leaf in which each u (B,) in [0, total) falls when the leaves are laid end to end; never an empty one."""
+        rows, index = np.arange(len(u)), np.zeros(len(u), np.int64)
+        edges = np.zeros((len(u), self.FAN + 1))  # where each child begins and ends; the first begins at 0
+        for level in reversed(self.levels):
+            level.reshape(-1, self.FAN)[index].cumsum(-1, out=edges[:, 1:])
+            u = np.minimum(u, np.nextafter(edges[:, -1], 0))  # rounding must not carry u past the last leaf
+            child = (edges[:, 1:] <= u[:, None]).sum(-1)
+            u = u - edges[rows, child]
+            index = index * self.FAN + child
+        return index
+
+
+class ProportionalReplay(UniformReplay):
+    """Prioritized replay, proportional variant: P(i) = p^TD_i / Σ p^TD, weights w_i = (N P(i))^−is_exponent.
+
+    A new transition enters with the largest priority seen so far, so that it is soon looked at (D4).
+    """
+
+    def __init__(
+        self, capacity, state_dim, priority_offset=0.01, priority_exponent=0.6, is_exponent=0.4, normalise="batch"
+    ):
+        super().__init__(capacity, state_dim)
+        self.priority_offset, self.priority_exponent = priority_offset, priority_exponent
+        self.is_exponent, self.normalise = is_exponent, normalise
+        self.tree, self.max_priority = SumTree(self.capacity), 1.0
+
+    def add(self, s, a, r, s2, terminated):
+        slot = super().add(s, a, r, s2, terminated)
+        self.tree.set(slot, self.max_priority)
+        return slot
+
+    def sample(self, batch_size, rng):
+        """A Batch of independent draws with replacement from probabilities()."""
+        index = self._draw(batch_size, rng)
+        weight = importance_weights(self._probability(index), len(self), self.is_exponent, self.normalise)
+        return self._batch(index, weight.astype(np.float32))
+
+    def probabilities(self):
+        return self._probability(np.arange(len(self)))
+
+    def update_priorities(self, index, delta):
+        priority = td_priority(np.asarray(delta, np.float64), self.priority_offset, self.priority_exponent)
+        self.tree.set(index, priority)
+        self.max_priority = max(self.max_priority, float(priority.max()))
+
+    def _probability(self, index):
+        total = self._total()
+        if not total > 0:
+            raise ValueError("every priority is 0, so P = p / Σp is undefined; priority_offset must be positive")
+        return self._priority(index) / total
+
+    def _draw(self, batch_size, rng):
+        return self.tree.find(rng.random(batch_size) * self.tree.total())
+
+    def _priority(self, index):
+        return self.tree.leaves[index]
+
+    def _total(self):
+        return self.tree.total()
+
+    def check_valid(self):
+        super().check_valid()
+        assert (self.tree.leaves[: len(self)] >= 0).all() and not self.tree.leaves[len(self) :].any()
+        for below, above in zip(self.tree.levels, self.tree.levels[1:], strict=False):
+            sums = below.reshape(-1, SumTree.FAN).sum(-1)
+            assert (above[: len(sums)] == sums).all() and not above[len(sums) :].any()
+        assert self.tree.leaves.max() <= self.max_priority
+
+
+class RecencyReplay(ProportionalReplay):
+    """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11), exact and always fresh.
+
+    Eq. 10 is a mixture, so a draw has two stages. With probability λ = β S_TD / (β S_TD + (1 − β) S_time) it is made
+    in proportion to p^TD; else an age is drawn from the truncated geometric distribution, in closed form:
+    S_time = (1 − e^{−αN}) / (1 − e^{−α}),  age = ⌊−log(1 − u (1 − e^{−αN})) / α⌋.  No age-dependent priority is ever
+    stored, so none goes stale (the paper's p_i does between two visits: D5). Rate 0 makes recency uniform.
+    """
+
+    def __init__(self, capacity, state_dim, mix=0.5, recency_rate=1e-3, **proportional):
+        super().__init__(capacity, state_dim, **proportional)
+        self.mix, self.recency_rate = mix, recency_rate
+
+    def time_total(self):
+        """S_time = Σ exp(−α age) over the N stored transitions."""
+        if self.recency_rate == 0:
+            return float(len(self))
+        return float(np.expm1(-self.recency_rate * len(self)) / np.expm1(-self.recency_rate))
+
+    def td_share(self):
+        """λ, the part of the draws that goes by TD error; 1 − λ goes by recency."""
+        return self.mix * self.tree.total() / self._total()
+
+    def _draw(self, batch_size, rng):
+        by_td = rng.random(batch_size) < self.td_share()
+        u = rng.random(batch_size)
+        newest = (self.added - 1) % self.capacity
+        by_time = (newest - self._age_at(u)) % self.capacity
+        return np.where(by_td, self.tree.find(u * self.tree.total()), by_time)
+
+    def _age_at(self, u):
+        n, rate = len(self), self.recency_rate
+        age = u * n if rate == 0 else -np.log1p(u * np.expm1(-rate * n)) / rate
+        return np.minimum(age.astype(np.int64), n - 1)
+
+    def _priority(self, index):
+        return mixed_priority(self.tree.leaves[index], time_priority(self.age(index), self.recency_rate), self.mix)
+
+    def _total(self):
+        return mixed_priority(self.tree.total(), self.time_total(), self.mix)

@@ -1,0 +1,179 @@
+"""A run's folder: what is in it, how it is written, and how a run goes on after it was killed.
+
+    config.json      the resolved settings, and the versions of what made them
+    episodes.csv     one line per episode, written as it ends
+    checkpoint.npz   the whole agent, at most ten seconds old
+    summary.json     the table per regime, when the run is complete
+    curve.png        the learning curve with its drifts, likewise
+
+No file depends on the clock: killed and resumed, a run ends with the same bytes as one that was left alone.
+"""
+
+import csv
+import json
+import platform
+import time
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+from tqdm import tqdm
+
+from . import UsageError, __version__, checkpoint, drift, plots, stats
+from .baselines import Random
+from .checkpoint import write_atomically
+from .config import Config
+from .replay import RecencyReplay
+from .train import evaluate, make_agent, run
+
+try:
+    import fcntl
+except ImportError:  # Windows has no flock; there nothing keeps two processes from one folder
+    fcntl = None
+
+COLUMNS = {
+    "episode": int,
+    "regime": int,
+    "event": str,
+    "return": float,
+    "length": int,
+    "steps": int,
+    "epsilon": float,
+    "td_error": float,
+}
+CHECKPOINT_SECONDS = 10
+
+
+def train(config, out, resume=False, quiet=False):
+    """Train into the folder `out`, showing progress; returns its summary. A complete run is only read.
+
+    Without resume the folder must be new or empty. With it, a run that was killed goes on from its checkpoint.
+    """
+    out = Path(out)
+    if not resume:
+        create(config, out)
+    elif read_config(out) != config:
+        raise UsageError(f"the run in {out} has other settings; leave them out to resume it, or choose another --out")
+    with open(out / "config.json") as lock:
+        if fcntl:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as e:
+                raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
+        if not (out / "summary.json").exists():
+            _train(config, out, quiet)
+    return read_summary(out)
+
+
+def _train(config, out, quiet):
+    agent, first = make_agent(config), 0
+    if (out / "checkpoint.npz").exists():
+        first = checkpoint.load(out / "checkpoint.npz", agent)
+    _cut(out / "episodes.csv", first)
+    saved = time.monotonic()
+    with (
+        open(out / "episodes.csv", "a", newline="", encoding="utf-8") as file,
+        tqdm(total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet) as bar,
+    ):
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        for record in run(config, agent, first) if first < config.episodes else []:
+            writer.writerow(record)
+            file.flush()
+            shown = {"return": f"{record['return']:.0f}", "ε": f"{record['epsilon']:.2f}", "regime": record["regime"]}
+            bar.set_postfix(shown, refresh=False)
+            bar.update()
+            if time.monotonic() - saved > CHECKPOINT_SECONDS and record["episode"] + 1 < config.episodes:
+                checkpoint.save(out / "checkpoint.npz", agent, record["episode"] + 1)
+                saved = time.monotonic()
+    checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
+    records = read_episodes(out)
+    plots.learning_curves({config.agent: records}, config, random_return(config), out / "curve.png")
+    _write_json(out / "summary.json", summarise(config, agent, records))
+
+
+def summarise(config, agent, records):
+    """The contents of summary.json."""
+    level = random_return(config)
+    summary = {
+        "env": config.env,
+        "agent": config.agent,
+        "seed": config.seed,
+        "episodes": len(records),
+        "steps": records[-1]["steps"],
+        "final_return": stats.final_return([record["return"] for record in records]),
+        "random_return": level,
+        "regimes": stats.regime_table(records, level),
+    }
+    if isinstance(agent.replay, RecencyReplay):
+        summary["recency_share_of_replay"] = 1 - agent.replay.td_share()
+    return summary
+
+
+def random_return(config, episodes=20):
+    """Mean return of the random policy in the stock physics: the zero of the level scale."""
+    env = drift.make(config.env)
+    agent = Random(int(env.action_space.n), np.random.default_rng(0))
+    return float(evaluate(agent, env, episodes, seed=0).mean())
+
+
+def create(config, out):
+    """A new folder with its config.json."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UsageError(f"{out} is not empty; choose another --out, or continue the run in it with --resume")
+    out.mkdir(parents=True, exist_ok=True)
+    versions = {
+        "gbdqn_ref": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "gymnasium": gymnasium.__version__,
+    }
+    _write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
+
+
+def read_config(out):
+    """The Config of the run in a folder."""
+    path = Path(out) / "config.json"
+    if not path.exists():
+        raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
+    return Config.from_dict(_read_json(path, "config"))
+
+
+def read_summary(out):
+    """summary.json as a dict."""
+    return _read_json(Path(out) / "summary.json")
+
+
+def read_episodes(out):
+    """The records of episodes.csv, as train.run() yields them."""
+    path = Path(out) / "episodes.csv"
+    with open(path, newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        if reader.fieldnames != list(COLUMNS):
+            raise UsageError(f"{path} is damaged: its first line should read {','.join(COLUMNS)}")
+        return [{name: kind(row[name]) for name, kind in COLUMNS.items()} for row in reader]
+
+
+def _cut(path, episodes):
+    """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
+    header = ",".join(COLUMNS)
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    kept = lines[: episodes + 1] if episodes else [header]
+    if len(kept) <= episodes or kept[0] != header:
+        raise UsageError(f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen")
+    _write_text(path, "\n".join(kept) + "\n")
+
+
+def _read_json(path, key=None):
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        return content[key] if key else content
+    except (ValueError, KeyError, TypeError) as e:
+        raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
+
+
+def _write_json(path, content):
+    _write_text(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def _write_text(path, text):
+    write_atomically(path, lambda file: file.write(text.encode()))
