@@ -54,7 +54,7 @@ class Ensemble:
 
     def q(self, x):
         """Q_m(x), (…, d) → (…, A)."""
-        return self.terms(x).sum(0)
+        return self.terms(x).sum(0) if len(self) else np.zeros((*x.shape[:-1], self.net.widths[-1]), np.float32)
 
     def staged_q(self, x):
         """Q_1(x), …, Q_m(x), (…, d) → (m, …, A): how the ensemble's answer grew, booster by booster."""

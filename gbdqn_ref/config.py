@@ -54,7 +54,7 @@ class Config:
     """Polyak coefficient τ of the target network, applied at each update."""
 
     behaviour: str = "epsilon-greedy"
-    """How the agent explores: epsilon-greedy as in the experiments, or softmax as in Algorithm 1."""
+    """How the agent explores: epsilon-greedy as in the experiments (D10), or softmax as in Algorithm 1."""
     epsilon_start: float = 1.0
     """ε at the first step."""
     epsilon_end: float = 0.05
@@ -84,11 +84,11 @@ class Config:
     target: str = "live"
     """gbdqn bootstraps and acts with the sum including the learner in training (live), or without it (frozen)."""
     alpha: float | str = 0.1
-    """gbdqn's α_m of boosters 2, 3, …: a number, as η_boost in the experiments, or "closed-form" (Eq. 8)."""
+    """gbdqn's α_m of boosters 2, 3, …: a number, as η_boost in the experiments (D15), or "closed-form" (Eq. 8)."""
     loss_on: str = "alpha_h"
     """gbdqn fits α h to the residual (alpha_h, Eq. 5), or h (h, Algorithm 1 line 19)."""
     zero_output: bool = True
-    """gbdqn's new boosters start as the zero function, so that adding one changes no action."""
+    """gbdqn's new boosters start as the zero function, so that adding one changes no action (D11)."""
 
     def __post_init__(self):
         for field in fields(self):

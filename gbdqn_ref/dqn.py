@@ -60,7 +60,7 @@ class DQN:
         dq = bellman.loss_gradient(delta, batch.weight, batch.a, self.n_actions)
         grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
         self.adam.step(self.theta, grad)
-        polyak(self.theta_target, self.theta, c.tau)
+        polyak(self.theta_target, self.theta, c.tau)  # at each update, not at each step (D9)
         self.replay.update_priorities(batch.index, delta)
         return float(np.abs(delta).mean())
 

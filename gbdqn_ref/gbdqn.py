@@ -72,7 +72,7 @@ class GBDQN(DQN):
         dq = fitted * bellman.loss_gradient(residual - fitted * h, batch.weight, batch.a, self.n_actions)
         grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
         self.adam.step(self.theta, grad)
-        polyak(self.theta_target, self.theta, c.tau)
+        polyak(self.theta_target, self.theta, c.tau)  # D9
         delta = residual - self.alpha * h if self.live else residual
         self.replay.update_priorities(batch.index, delta)
         return float(np.abs(delta).mean())

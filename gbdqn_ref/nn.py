@@ -10,7 +10,7 @@ Letters: x input, h activations with the constant 1 appended, z = h V before the
 B batch, d inputs, A outputs (actions).
 """
 
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -31,7 +31,9 @@ class MLP:
         if len(self.widths) < 2 or min(self.widths) < 1:
             raise ValueError(f"widths must be two or more positive integers (inputs, hidden …, outputs), not {widths}")
         self.shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
-        self.size = sum(rows * columns for rows, columns in self.shapes)
+        ends = [0, *accumulate(rows * columns for rows, columns in self.shapes)]
+        self.blocks = [slice(start, end) for start, end in pairwise(ends)]  # where each V_l is in θ
+        self.size = ends[-1]
 
     def init(self, rng, k=None, zero_output=False):
         """Random parameters θ (P,), or k independent ones (k, P): weights and biases from U(±1/√n_in), float32.
@@ -47,11 +49,8 @@ class MLP:
 
     def layers(self, theta):
         """The blocks V_l (…, n_in + 1, n_out) of θ (…, P), as views."""
-        ends = np.cumsum([rows * columns for rows, columns in self.shapes])
-        return [
-            theta[..., end - rows * columns : end].reshape(*theta.shape[:-1], rows, columns)
-            for end, (rows, columns) in zip(ends, self.shapes, strict=True)
-        ]
+        lead = theta.shape[:-1]
+        return [theta[..., block].reshape(lead + shape) for block, shape in zip(self.blocks, self.shapes, strict=True)]
 
     def unpack(self, theta):
         """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views: writing to them writes to θ."""
@@ -63,16 +62,14 @@ class MLP:
         The leading axes of θ (…, P) and of x broadcast; the arithmetic has θ's precision.
         """
         *hidden, last = self.layers(theta)
-        h = _with_ones((*x.shape[:-1], self.widths[0]), theta.dtype)
+        h = _with_ones(x.shape, theta.dtype)  # (…, B, d + 1)
         h[..., :-1] = x
         cache = [h]
         for V in hidden:
-            lead = np.broadcast_shapes(h.shape[:-2], V.shape[:-2])
-            following = _with_ones((*lead, h.shape[-2], V.shape[-1]), theta.dtype)  # (…, B, n_out + 1)
-            z = following[..., :-1]
-            np.matmul(h, V, out=z)
-            np.maximum(z, 0, out=z)
-            cache.append(h := following)
+            z = h @ V  # (…, B, n_out)
+            h = _with_ones(z.shape, theta.dtype)
+            np.maximum(z, 0, out=h[..., :-1])
+            cache.append(h)
         return h @ last, cache
 
     def backward(self, theta, cache, dq):

@@ -1,0 +1,111 @@
+"""Eqs. 10–11, the importance weights and Theorem 3: what the mixed priorities are, and what they are not."""
+
+from fractions import Fraction as F
+from itertools import product
+
+import numpy as np
+import pytest
+from gbdqn_ref.replay import RecencyReplay, importance_weights, mixed_priority, td_priority, time_priority
+from hypothesis import given
+from hypothesis import strategies as st
+
+MIXES = [F(0), F(1, 7), F(1, 2), F(9, 10), F(1)]
+
+
+def exact(*values):
+    return np.array([F(value) for value in values])
+
+
+def normalise(p):
+    return p / p.sum()
+
+
+@given(st.integers(0, 10**6), st.integers(1, 60), st.floats(0, 1), st.floats(0, 2))
+def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
+    """P = λ P_TD + (1 − λ) P_time with λ = β S_TD / (β S_TD + (1 − β) S_time): hence the sampler in two stages."""
+    rng = np.random.default_rng(seed)
+    replay = RecencyReplay(40, 1, mix=mix, recency_rate=rate)
+    for _ in range(added):
+        replay.add(0.0, 0, 0.0, 0.0, False)
+    n, delta = len(replay), rng.normal(size=len(replay))
+    replay.update_priorities(np.arange(n), delta)
+    age = (added - 1 - np.arange(n)) % 40
+    p_td = td_priority(delta, replay.priority_offset, replay.priority_exponent)
+    p_time = time_priority(age, rate)
+    np.testing.assert_allclose(replay.probabilities(), normalise(mixed_priority(p_td, p_time, mix)), rtol=1e-9)
+    share = replay.td_share()
+    np.testing.assert_allclose(
+        replay.probabilities(), share * normalise(p_td) + (1 - share) * normalise(p_time), rtol=1e-9
+    )
+
+
+def test_the_recency_share_fades_as_the_buffer_fills():
+    """S_time ≤ 1 / (1 − e^{−α}) is bounded and S_TD grows with N: at fixed α and β the rule tends to plain PER."""
+    shares = []
+    for n in (100, 1_000, 10_000):
+        replay = RecencyReplay(n, 1, mix=0.5, recency_rate=0.01)
+        for _ in range(n):
+            replay.add(0.0, 0, 0.0, 0.0, False)
+        shares.append(1 - replay.td_share())
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] < 0.011
+
+
+def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
+    """Negative control: with α = 3/N the share keeps to a constant, so it is the fixed rate that makes it fade."""
+    shares = []
+    for n in (100, 1_000, 10_000):
+        replay = RecencyReplay(n, 1, mix=0.5, recency_rate=3 / n)
+        for _ in range(n):
+            replay.add(0.0, 0, 0.0, 0.0, False)
+        shares.append(1 - replay.td_share())
+    np.testing.assert_allclose(shares, (1 - np.exp(-3)) / 3 / (1 + (1 - np.exp(-3)) / 3), atol=0.005)
+
+
+@pytest.mark.parametrize("mix", MIXES)
+def test_theorem_3_fails_whatever_the_mix(mix):
+    """|δ| = (2, 1), e^{−α age} = (1, ½): P = (2/3, 1/3) for every β, and the ideal product is P* = (4/5, 1/5)."""
+    p_td, p_time = td_priority(exact(2, 1), 0, 1), exact(1, F(1, 2))
+    P, ideal = normalise(mixed_priority(p_td, p_time, mix)), normalise(p_td * p_time)
+    assert P.tolist() == [F(2, 3), F(1, 3)]
+    assert ideal.tolist() == [F(4, 5), F(1, 5)]
+    assert abs(P - ideal).sum() / 2 == F(2, 15)
+
+
+def test_control_a_sum_can_equal_the_product():
+    """Negative control: |δ| = (1, 2), e^{−α age} = (1, ¼), β = 1/7 gives P = P* exactly, an accident of n = 2."""
+    p_td, p_time = td_priority(exact(1, 2), 0, 1), exact(1, F(1, 4))
+    assert (normalise(mixed_priority(p_td, p_time, F(1, 7))) == normalise(p_td * p_time)).all()
+
+
+def weighted_mean(P, f, exponent, normalise_by, batch_size):
+    """E Σ w f / Σ 1 over every possible batch of that size, exactly enumerated."""
+    total = 0.0
+    for batch in product(range(len(P)), repeat=batch_size):
+        batch = np.array(batch)
+        weight = importance_weights(P[batch], len(P), exponent, normalise_by)
+        total += P[batch].prod() * (weight * f[batch]).mean()
+    return total
+
+
+def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation():
+    """E_P[w f] = mean f for every f, here f = (0, 1), P = (4/5, 1/5); true mean 1/2."""
+    P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
+    assert weighted_mean(P, f, 1.0, None, 1) == pytest.approx(0.5, abs=1e-12)
+    assert weighted_mean(P, f, 1.0, None, 3) == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize(("exponent", "value"), [(0.0, 0.2), (0.5, 0.2 * 2.5**0.5)])
+def test_control_a_smaller_exponent_is_biased(exponent, value):
+    """Negative control: the claim "to correct for the bias" fails for every exponent below 1."""
+    P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
+    assert weighted_mean(P, f, exponent, None, 1) == pytest.approx(value, abs=1e-12)
+
+
+def test_dividing_by_the_batch_maximum_is_no_mere_scaling():
+    """A batch of 1 always has weight 1: the ratio of the two states stays 4 : 1, where a scaling would leave 1 : 1."""
+    P = np.array([0.8, 0.2])
+    first, second = (weighted_mean(P, np.eye(2)[i], 1.0, "batch", 1) for i in (0, 1))
+    assert first / second == pytest.approx(4)
+    first, second = (weighted_mean(P, np.eye(2)[i], 1.0, "batch", 2) for i in (0, 1))
+    assert first / second == pytest.approx(3.4)
