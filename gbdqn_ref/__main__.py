@@ -4,9 +4,12 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from reprlib import repr as short
 
 from . import UsageError, plots, runs
 from .config import Config
+
+RANDOM = "random policy, stock physics"
 
 
 def main(arguments=None):
@@ -15,7 +18,7 @@ def main(arguments=None):
         args = _parser().parse_args(arguments)
         args.command(args)
     except (UsageError, OSError) as error:
-        print(f"gbdqn_ref: {error}", file=sys.stderr)
+        print("gbdqn_ref:", *str(error).split(), file=sys.stderr)  # one line, whatever is in a path
         return 2
     except KeyboardInterrupt:
         print("\ngbdqn_ref: stopped; --resume goes on from the last checkpoint", file=sys.stderr)
@@ -61,11 +64,13 @@ def _setting(text):
     """("lr", 0.001) from "lr=0.001"; what is no JSON is taken as a word."""
     key, equals, value = text.partition("=")
     if not equals:
-        raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {text!r}")
+        raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {short(text)}")
+    if key in ("env", "agent", "seed"):
+        raise UsageError(f"--set is for all else: the {key} has an option of its own, --{key}")
     try:
-        return key.strip(), json.loads(value)
-    except json.JSONDecodeError:
-        return key.strip(), value
+        return key, json.loads(value)
+    except (ValueError, RecursionError):
+        return key, value
 
 
 def _train(args):
@@ -83,7 +88,10 @@ def _train(args):
 
 
 def _compare(args):
-    configs = {agent: _config(args, agent) for agent in args.agents.split(",")}
+    agents = args.agents.split(",")
+    if len(set(agents)) < len(agents):
+        raise UsageError(f"--agents names one twice: {args.agents}")
+    configs = {agent: _config(args, agent) for agent in agents}
     config = next(iter(configs.values()))
     out = Path(args.out or f"runs/{config.env}")
     summaries = {}
@@ -100,15 +108,17 @@ def _print_table(summaries, config):
     """Per regime and agent the mean return, the drop and the recovery; then the final return."""
     names = [plots.NAMES[agent] for agent in summaries]
     print(f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
-    print(f"\n{'regime':32}" + "".join(f"{name:>11}{'drop':>7}{'recovery':>10}" for name in names))
     tables = [summary["regimes"] for summary in summaries.values()]
-    for rows in zip(*tables, strict=True):
+    labels = [_label(row, config) for row in tables[0]]
+    width = max(len(label) for label in (*labels, RANDOM)) + 1
+    print(f"\n{'regime':{width}}" + "".join(f"{name:>11}{'drop':>7}{'recovery':>10}" for name in names))
+    for label, *rows in zip(labels, *tables, strict=True):
         cells = [f"{row['mean_return']:11.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
-        print(f"{_label(rows[0], config):32}" + "".join(cells))
+        print(f"{label:{width}}" + "".join(cells))
     final = "".join(f"{summary['final_return']:11.1f}{'':17}" for summary in summaries.values())
-    print(f"{'final (last 50 episodes)':32}{final}")
+    print(f"{'final (last 50 episodes)':{width}}{final.rstrip()}")
     level = next(iter(summaries.values()))["random_return"]
-    print(f"{'random policy, stock physics':32}{level:11.1f}")
+    print(f"{RANDOM:{width}}{level:11.1f}")
     for agent, summary in summaries.items():
         if "recency_share_of_replay" in summary:
             print(

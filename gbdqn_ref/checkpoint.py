@@ -4,6 +4,7 @@ A checkpoint is an uncompressed .npz with one array per attribute, named by its 
 ("adam.m", "replay.tree.levels.0", …). Walking the attributes means that nothing can be forgotten when an agent grows.
 """
 
+import io
 import json
 import os
 import zipfile
@@ -17,7 +18,17 @@ from . import UsageError
 FORMAT = 1
 REBUILT = {"config", "net"}  # what a new agent has already; names with an underscore are memos, made again when needed
 
-DAMAGED = (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error)
+DAMAGED = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    OSError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def write_atomically(path, write):
@@ -39,9 +50,10 @@ def save(path, agent, episodes):
 
 def load(path, agent):
     """Restore into a new agent of the same config what save() wrote; returns the number of episodes it has seen."""
+    file = io.BytesIO(Path(path).read_bytes())
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
+        with np.load(file, allow_pickle=False) as content:
+            arrays = dict(content)
         header = json.loads(arrays.pop("header").item())
         config, episodes = header["config"], header["episodes"]
         assert header["format"] == FORMAT, f"format {header['format']} instead of {FORMAT}"

@@ -6,10 +6,12 @@ Marks: "paper" is a value that the paper gives, "ours" one that it leaves open (
 import difflib
 import json
 from dataclasses import asdict, dataclass, fields
-from math import isfinite
+from math import inf, isfinite
+from reprlib import repr as short
+from typing import get_args
 
 from . import UsageError
-from .drift import ENVIRONMENTS, check_schedule
+from .drift import ENVIRONMENTS, check_schedule, is_number
 
 
 @dataclass(frozen=True)
@@ -92,36 +94,36 @@ class Config:
 
     def __post_init__(self):
         for field in fields(self):
-            value = getattr(self, field.name)
-            kind = field.type if isinstance(field.type, type) else None
-            if kind is float and type(value) is int:
-                object.__setattr__(self, field.name, value := float(value))
-            if kind is tuple and isinstance(value, list):
-                object.__setattr__(self, field.name, value := tuple(value))
-            if kind and type(value) is not kind:
-                raise UsageError(f"{field.name} must be {KINDS[kind]}, not {value!r}")
-            if field.name in CHOICES and value not in CHOICES[field.name]:
-                options = ", ".join(str(choice) for choice in CHOICES[field.name])
-                raise UsageError(f"unknown {field.name} {value!r}; choose one of {options}")
-            for name, (what, holds) in RULES.items():
-                if name == field.name and not holds(value):
-                    raise UsageError(f"{name} must be {what}, not {value!r}")
+            name, value, kinds = field.name, getattr(self, field.name), get_args(field.type) or (field.type,)
+            if float in kinds and type(value) is int:
+                value = float(value) if is_number(value) else inf
+            if kinds == (tuple,) and type(value) is list:
+                value = tuple(value)
+            if len(kinds) == 1 and type(value) not in kinds:
+                raise UsageError(f"{name} must be {KINDS[field.type]}, not {short(value)}")
+            if value not in CHOICES.get(name, [value]):
+                options = ", ".join(choice or "null" for choice in CHOICES[name])
+                raise UsageError(f"unknown {name} {short(value)}; choose one of {options}")
+            what, holds = RULES.get(name, ("", lambda value: True))
+            if not holds(value):
+                raise UsageError(f"{name} must be {what}, not {short(value)}")
+            object.__setattr__(self, name, value)
         if self.replay is None:
             object.__setattr__(self, "replay", "recency" if self.agent == "gbdqn" else "proportional")
         check_schedule(self.env, self.schedule)
         object.__setattr__(self, "schedule", [dict(entry) for entry in self.schedule])
 
     @classmethod
-    def preset(cls, env, name="paper", **values):
+    def preset(cls, env, name="paper", /, **values):
         """The settings of the paper for this environment, or the fast ones; `values` take precedence.
 
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
         """
         if env not in ENVIRONMENTS:
-            raise UsageError(f"unknown environment {env!r}; choose one of {', '.join(ENVIRONMENTS)}")
+            raise UsageError(f"unknown environment {short(env)}; choose one of {', '.join(ENVIRONMENTS)}")
         if name not in PRESETS:
-            raise UsageError(f"unknown preset {name!r}; choose one of {', '.join(PRESETS)}")
+            raise UsageError(f"unknown preset {short(name)}; choose one of {', '.join(PRESETS)}")
         return cls.from_dict({"env": env} | PRESETS[name][env] | values)
 
     @classmethod
@@ -131,16 +133,14 @@ class Config:
         for name in values:
             if name not in names:
                 near = difflib.get_close_matches(name, names, 1)
-                raise UsageError(f"there is no setting {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+                raise UsageError(
+                    f"there is no setting {short(name)}" + (f"; did you mean {near[0]!r}?" if near else "")
+                )
         return cls(**values)
 
     def to_dict(self):
         """Plain JSON types; from_dict(to_dict()) is the same config."""
         return json.loads(json.dumps(asdict(self)))
-
-
-def _number(value):
-    return type(value) in (int, float) and isfinite(value)
 
 
 KINDS = {int: "a whole number", float: "a number", str: "a word", bool: "true or false", tuple: "a list"}
@@ -164,7 +164,7 @@ RULES = {
         "a list of widths from 1 to 4096, like [128, 128]",
         lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
     ),
-    "alpha": ('a positive number or "closed-form"', lambda a: a == "closed-form" or _number(a) and a > 0),
+    "alpha": ('a positive number or "closed-form"', lambda a: a == "closed-form" or (is_number(a) and a > 0)),
     "recency_rate": NOT_NEGATIVE,
     "priority_exponent": NOT_NEGATIVE,
     **dict.fromkeys(("episodes", "batch_size", "learning_starts", "update_every", "gradient_steps"), COUNT),
@@ -212,14 +212,43 @@ MOUNTAINCAR = dict(
 )
 CARTPOLE = dict(  # ours (D13), all of it: the paper mentions CartPole in its conclusion and does not show it
     episodes=600,
+    alpha=0.1,  # paper (η_boost)
+    lr=2e-4,  # DQN forgets CartPole as soon as it has learnt it: small steps, many of them, and a long memory help
+    update_every=16,
+    gradient_steps=16,
+    max_grad_norm=1.0,
+    capacity=200_000,
+    priority_exponent=0.3,
+    mix=0.6,
+    recency_rate=5e-6,
+    epsilon_end=0.02,
+    epsilon_decay_steps=5_000,
     schedule=[
-        {"episode": 150, "gravity": 2.0},
-        {"episode": 250, "length": 3.0},
-        {"episode": 350, "gravity": 2.0, "length": 3.0},
-        {"episode": 450, "reset": True},
+        {"episode": 300, "gravity": 2.0},
+        {"episode": 400, "length": 2.0},
+        {"episode": 500, "reset": True},
     ],
 )
-PRESETS = {
-    "paper": {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT},
-    "fast": {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT},
+PAPER = {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT}
+FAST = {  # ours (D14): fewer episodes, and drifts that come as soon as there is something to forget
+    "cartpole": CARTPOLE
+    | dict(
+        episodes=400,
+        lr=1e-3,
+        update_every=64,
+        gradient_steps=32,
+        tau=0.02,
+        capacity=50_000,
+        recency_rate=3e-5,
+        schedule=[{"episode": 220, "gravity": 2.0}, {"episode": 280, "length": 2.0}, {"episode": 340, "reset": True}],
+    ),
+    "mountaincar": MOUNTAINCAR
+    | dict(episodes=400, schedule=[{"episode": 250, "gravity": 1.3}, {"episode": 325, "reset": True}]),
+    "acrobot": ACROBOT
+    | dict(
+        episodes=250,
+        epsilon_decay_steps=10_000,
+        schedule=[{"episode": 120, "gravity": 1.5, "mass": 1.5}, {"episode": 190, "reset": True}],
+    ),
 }
+PRESETS = {"paper": PAPER, "fast": FAST}

@@ -8,7 +8,7 @@ Episodes count from 0. An entry describes its whole regime as factors on the sto
 """
 
 import inspect
-from math import isfinite
+from reprlib import repr as short
 
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
@@ -33,10 +33,15 @@ def factors_of(name):
     return {key: 1.0 for key, parameter in inspect.signature(setter).parameters.items() if key != "env"}
 
 
+def is_number(value):
+    """Whether it is an int or a float that a float can hold: not nan, infinite, a bool or 10⁴⁰⁰."""
+    return type(value) in (int, float) and -1e300 < value < 1e300
+
+
 def environment(name):
     """(Gymnasium's id, setter) of a named environment; UsageError if there is none."""
     if name not in ENVIRONMENTS:
-        raise UsageError(f"unknown environment {name!r}; choose one of {', '.join(ENVIRONMENTS)}")
+        raise UsageError(f"unknown environment {short(name)}; choose one of {', '.join(ENVIRONMENTS)}")
     return ENVIRONMENTS[name]
 
 
@@ -44,21 +49,25 @@ def check_schedule(name, schedule):
     """The schedule as [(episode, factors, event)], the stock regime first; UsageError where it makes no sense."""
     stock, regimes = factors_of(name), []
     if not isinstance(schedule, (list, tuple)) or not all(isinstance(entry, dict) for entry in schedule):
-        raise UsageError(f'schedule must be a list of entries like {{"episode": 9, "gravity": 1.5}}, not {schedule!r}')
+        raise UsageError(
+            f'schedule must be a list of entries like {{"episode": 9, "gravity": 1.5}}, not {short(schedule)}'
+        )
     for entry in schedule:
         factors = {key: value for key, value in entry.items() if key not in ("episode", "reset")}
         episode, reset = entry.get("episode"), entry.get("reset", False)
         if type(episode) is not int or episode < 0:
-            raise UsageError(f"schedule entry {entry} needs an 'episode', an integer from 0 on")
+            raise UsageError(f"schedule entry {short(entry)} needs an 'episode', an integer from 0 on")
         if regimes and episode <= regimes[-1][0]:
             raise UsageError(f"schedule episodes must increase, but {episode} follows {regimes[-1][0]}")
         if type(reset) is not bool or bool(factors) == reset:
-            raise UsageError(f"schedule entry {entry} must name factors ({', '.join(stock)}) or say 'reset': True")
+            raise UsageError(
+                f"schedule entry {short(entry)} must name factors ({', '.join(stock)}) or say 'reset': True"
+            )
         for key, value in factors.items():
             if key not in stock:
-                raise UsageError(f"{name} has no {key!r} that could drift; it has {', '.join(stock)}")
-            if type(value) not in (int, float) or not isfinite(value) or value <= 0 and key not in MAY_BE_NEGATIVE:
-                raise UsageError(f"schedule factor {key!r} must be a positive finite number, not {value!r}")
+                raise UsageError(f"{name} has no {short(key)} that could drift; it has {', '.join(stock)}")
+            if not is_number(value) or value == 0 or value < 0 and key not in MAY_BE_NEGATIVE:
+                raise UsageError(f"schedule factor {key!r} must be a positive finite number, not {short(value)}")
         regimes.append((episode, stock | factors, "reset" if reset else "drift"))
     return regimes if regimes and regimes[0][0] == 0 else [(0, stock, None), *regimes]
 
@@ -72,16 +81,19 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
     """
 
     def __init__(self, env, schedule=None):
-        schedule = list(schedule or [])
-        RecordConstructorArgs.__init__(self, schedule=schedule)
-        super().__init__(env)
-        name = next((name for name, (id, _) in ENVIRONMENTS.items() if id == env.spec.id), env.spec.id)
+        schedule = [] if schedule is None else schedule
+        id = env.spec.id if env.spec else type(env).__name__
+        name = next((name for name, (known, _) in ENVIRONMENTS.items() if known == id), id)
         self.regimes, self._set = check_schedule(name, schedule), environment(name)[1]
+        RecordConstructorArgs.__init__(self, schedule=list(schedule))
+        super().__init__(env)
         self.episode, self.regime = -1, 0
 
     def reset(self, *, seed=None, options=None):
         options = dict(options or {})
         self.episode = options.pop("episode", self.episode + 1)
+        if type(self.episode) is not int or self.episode < 0:
+            raise UsageError(f"episode must be a whole number from 0 on, not {short(self.episode)}")
         self.regime = max(i for i, (start, _, _) in enumerate(self.regimes) if start <= self.episode)
         self._set(self.env.unwrapped, **self.regimes[self.regime][1])
         s, info = self.env.reset(seed=seed, options=options)

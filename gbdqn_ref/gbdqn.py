@@ -39,7 +39,7 @@ class GBDQN(DQN):
     def q(self, s):
         """Q_m(s, ·) if live, else Q_{m−1}(s, ·): (…, d) → (…, A)."""
         q_frozen = self._frozen(s)
-        return q_frozen + self.alpha * super().q(s) if self.live else q_frozen
+        return q_frozen + self.alpha * super().q(s) if self.live else q_frozen.copy()
 
     def staged_q(self, s):
         """Q_1(s, ·), Q_2(s, ·), … up to q(s): (…, d) → (stages, …, A)."""
@@ -60,7 +60,7 @@ class GBDQN(DQN):
 
     def learn(self):
         """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's mean |δ|."""
-        c, fitted = self.config, self.alpha if self.config.loss_on == "alpha_h" else 1.0
+        c, factor = self.config, self.alpha if self.config.loss_on == "alpha_h" else 1.0
         batch = self.replay.sample(c.batch_size, self.rng)
         q_next = self.q_frozen_next[batch.index]  # Q̄_{m−1}(s', ·)
         if self.live:
@@ -69,7 +69,7 @@ class GBDQN(DQN):
         residual = y - self.q_frozen[batch.index]  # Eq. 4
         h_all, cache = self.net.forward(self.theta, batch.s)  # (B, A)
         h = h_all[np.arange(len(y)), batch.a]
-        dq = fitted * bellman.loss_gradient(residual - fitted * h, batch.weight, batch.a, self.n_actions)
+        dq = factor * bellman.loss_gradient(residual - factor * h, batch.weight, batch.a, self.n_actions)
         grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
         self.adam.step(self.theta, grad)
         polyak(self.theta_target, self.theta, c.tau)  # D9

@@ -22,7 +22,7 @@ def learning_curves(runs, config, random_return, path):
     axes = figure.subplots()
     for agent, records in runs.items():
         episode, returns = np.array([(record["episode"], record["return"]) for record in records]).T
-        axes.plot(episode, returns, MARKS[agent], color=COLOURS[agent], markersize=2.5, alpha=0.3, markeredgewidth=0)
+        axes.plot(episode, returns, MARKS[agent], color=COLOURS[agent], markersize=3, alpha=0.35, markeredgewidth=0)
         smooth = stats.trailing_mean(returns, SMOOTHING)
         axes.plot(episode[SMOOTHING - 1 :], smooth, color=COLOURS[agent], linewidth=2.2, label=NAMES[agent])
     axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
@@ -30,7 +30,7 @@ def learning_curves(runs, config, random_return, path):
     axes.set(xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})")
     title = f"{NAMES[config.env]}, seed {config.seed}: the physics change at the dashed lines"
     axes.set_title(title, loc="left", pad=34)
-    axes.legend(loc="lower right", framealpha=0.9)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     picture = io.BytesIO()
     figure.savefig(picture, dpi=120, format="png")

@@ -14,6 +14,7 @@ import json
 import platform
 import time
 from pathlib import Path
+from reprlib import repr as short
 
 import gymnasium
 import numpy as np
@@ -41,6 +42,7 @@ COLUMNS = {
     "epsilon": float,
     "td_error": float,
 }
+HEADER = ",".join(COLUMNS).encode()
 CHECKPOINT_SECONDS = 10
 
 
@@ -118,7 +120,9 @@ def random_return(config, episodes=20):
 
 def create(config, out):
     """A new folder with its config.json."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is not a folder; choose another --out")
+    if out.exists() and any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(f"{out} is not empty; choose another --out, or continue the run in it with --resume")
     out.mkdir(parents=True, exist_ok=True)
     versions = {
@@ -135,45 +139,58 @@ def read_config(out):
     path = Path(out) / "config.json"
     if not path.exists():
         raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
-    return Config.from_dict(_read_json(path, "config"))
+    values = _read_json(path, "config")["config"]
+    if not isinstance(values, dict):
+        raise UsageError(f"{path} is damaged (its config is {short(values)}); start a new run in another folder")
+    return Config.from_dict(values)
 
 
 def read_summary(out):
     """summary.json as a dict."""
-    return _read_json(Path(out) / "summary.json")
+    return _read_json(Path(out) / "summary.json", "regimes", "final_return", "random_return")
 
 
 def read_episodes(out):
     """The records of episodes.csv, as train.run() yields them."""
     path = Path(out) / "episodes.csv"
-    with open(path, newline="", encoding="utf-8") as file:
-        reader = csv.DictReader(file)
-        if reader.fieldnames != list(COLUMNS):
-            raise UsageError(f"{path} is damaged: its first line should read {','.join(COLUMNS)}")
-        return [{name: kind(row[name]) for name, kind in COLUMNS.items()} for row in reader]
+    return _parse(path, path.read_bytes().splitlines())
+
+
+def _parse(path, lines):
+    """Records from the lines of an episodes.csv; UsageError names the line that is not as it should be."""
+    if not lines or lines[0] != HEADER:
+        raise UsageError(f"{path} is damaged: its first line should read {HEADER.decode()}")
+    records = []
+    for k, line in enumerate(lines[1:]):
+        try:
+            values = line.decode().split(",")
+            records.append({name: kind(text) for (name, kind), text in zip(COLUMNS.items(), values, strict=True)})
+            assert records[k]["episode"] == k, f"episode {k} is missing"
+        except (ValueError, AssertionError) as e:
+            raise UsageError(f"{path} is damaged in line {k + 2} ({e}); restore it or start a new run") from e
+    return records
 
 
 def _cut(path, episodes):
     """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
-    header = ",".join(COLUMNS)
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    kept = lines[: episodes + 1] if episodes else [header]
-    if len(kept) <= episodes or kept[0] != header:
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []  # but for what follows the last line's end
+    kept = lines[: episodes + 1] if episodes else [HEADER]
+    if len(_parse(path, kept)) < episodes:
         raise UsageError(f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen")
-    _write_text(path, "\n".join(kept) + "\n")
+    write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
 
 
-def _read_json(path, key=None):
+def _read_json(path, *keys):
+    """The object in a JSON file, which must have these keys."""
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-        return content[key] if key else content
-    except (ValueError, KeyError, TypeError) as e:
+        content = json.loads(Path(path).read_bytes())
+        missing = [key for key in keys if key not in dict(content)]
+        assert not missing, f"no {missing}"
+    except (ValueError, TypeError, AssertionError) as e:
         raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
+    return content
 
 
 def _write_json(path, content):
-    _write_text(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
-
-
-def _write_text(path, text):
+    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
     write_atomically(path, lambda file: file.write(text.encode()))

@@ -23,7 +23,7 @@ def trailing_mean(x, window):
     """
     if len(x) < window:
         return np.empty(0)
-    return np.convolve(x, np.ones(window) / window, "valid")
+    return np.lib.stride_tricks.sliding_window_view(x, window).mean(-1)
 
 
 def recovery(levels):

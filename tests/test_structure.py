@@ -20,7 +20,9 @@ def code_lines(node):
     """The line numbers of a tree that hold code: no blanks, comments or docstrings."""
     lines = set()
     for part in ast.walk(node):
-        docstring = isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant) and isinstance(part.value.value, str)
+        docstring = (
+            isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant) and isinstance(part.value.value, str)
+        )
         if docstring:
             lines -= set(range(part.lineno, part.end_lineno + 1))
         elif hasattr(part, "lineno") and not (isinstance(part, ast.Constant) and isinstance(part.value, str)):

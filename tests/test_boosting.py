@@ -1,0 +1,148 @@
+"""The closed-form step against exact fractions, and the ensemble against the sum that it stands for."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from strategies import nets, rngs, sizes, vectors, weighted_samples
+
+from gbdqn_ref.boosting import Ensemble, closed_form_alpha
+from gbdqn_ref.nn import MLP
+
+EXACT = 1e-13  # relative to Σ |w r h|, what cancels in A; the fractions themselves do not round
+
+
+def inner(weights, x, y):
+    """Σ w x y, exactly."""
+    return sum(Fraction(w) * Fraction(x) * Fraction(y) for w, x, y in zip(weights, x, y, strict=True))
+
+
+@given(weighted_samples(), st.booleans(), st.sampled_from([1e-6, -0.5, 3.0, 1e6]))
+def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
+    """f(α + d) − f(α) = d² B for both signs of d, with f(α) = Σ w (r − α h)², in exact fractions."""
+    residual, h, weights = sample
+    assume(h.any())
+    alpha = closed_form_alpha(residual, h, weights if weighted else None)
+    weights = weights if weighted else np.ones_like(h)
+
+    def f(alpha):
+        e = [Fraction(r_i) - alpha * Fraction(h_i) for r_i, h_i in zip(residual, h, strict=True)]
+        return inner(weights, e, e)
+
+    alpha, d = Fraction(alpha), Fraction(d)
+    slack = 2 * abs(d) * inner(weights, abs(residual), abs(h)) * Fraction(EXACT)
+    assert abs(f(alpha + d) - f(alpha) - d**2 * inner(weights, h, h)) <= slack
+
+
+@given(weighted_samples())
+def test_the_new_residual_is_orthogonal_to_the_booster(sample):
+    residual, h, weights = sample
+    alpha = closed_form_alpha(residual, h, weights)
+    left = [Fraction(r) - Fraction(alpha) * Fraction(h_i) for r, h_i in zip(residual, h, strict=True)]
+    assert abs(inner(weights, left, h)) <= inner(weights, abs(residual), abs(h)) * Fraction(EXACT)
+
+
+@given(weighted_samples())
+def test_weights_are_roots_in_front_of_both_vectors(sample):
+    residual, h, weights = sample
+    assume(h.any())
+    root = np.sqrt(weights)
+    scale = np.abs(weights * residual * h).sum() / (weights * h**2).sum()
+    unweighted = closed_form_alpha(root * residual, root * h)
+    assert closed_form_alpha(residual, h, weights) == pytest.approx(unweighted, abs=1e-12 * scale)
+
+
+@given(weighted_samples(), st.sampled_from([1e-170, 1e-100, 1e-9, -3.0, 1e100, 1e170]))
+def test_a_booster_counts_the_same_whatever_its_scale(sample, scale):
+    """Catches h² that underflows to 0, or overflows."""
+    residual, h, weights = sample
+    size = np.abs(weights * residual * h).sum() / max((weights * h**2).sum(), 1e-9) * np.abs(h).max()
+    contribution = closed_form_alpha(residual, scale * h, weights) * (scale * h)
+    np.testing.assert_allclose(
+        contribution, closed_form_alpha(residual, h, weights) * h, rtol=1e-9, atol=1e-12 * size + 1e-300
+    )
+
+
+@given(sizes(8).flatmap(vectors))
+def test_a_booster_that_is_0_gets_step_0(residual):
+    assert closed_form_alpha(residual, np.zeros_like(residual)) == 0.0
+
+
+def test_a_booster_that_is_0_wherever_a_weight_is_not_gets_step_0():
+    assert closed_form_alpha(np.ones(2), np.array([0.0, 5.0]), np.array([1.0, 0.0])) == 0.0
+
+
+@given(vectors(3), vectors(3))
+def test_alpha_is_a_plain_float_in_double_precision(residual, h):
+    single = closed_form_alpha(residual.astype(np.float32), h.astype(np.float32))
+    assert type(single) is float
+    assert single == closed_form_alpha(residual.astype(np.float32).astype(float), h.astype(np.float32).astype(float))
+
+
+def test_vectors_that_do_not_match_are_refused_instead_of_broadcast():
+    with pytest.raises(AssertionError, match="1"):
+        closed_form_alpha(np.ones(3), np.ones((3, 1)))
+    with pytest.raises(AssertionError, match="1"):
+        closed_form_alpha(np.ones(3), np.ones(3), np.ones((3, 1)))
+
+
+@st.composite
+def ensembles(draw):
+    """(ensemble, [(θ, α), …]) of no, one or a few boosters."""
+    net, rng = draw(nets()), draw(rngs())
+    members = [(net.init(rng), float(rng.normal())) for _ in range(draw(st.integers(0, 4)))]
+    ensemble = Ensemble(net)
+    for theta, alpha in members:
+        ensemble.add(theta, alpha)
+    return ensemble, members
+
+
+@given(ensembles(), rngs(), st.sampled_from([(), (1,), (5,), (2, 3)]))
+def test_q_is_the_sum_of_its_boosters_for_one_state_or_many(both, rng, lead):
+    (ensemble, members), net = both, both[0].net
+    x, shape = rng.normal(size=(*lead, net.widths[0])), (*lead, net.widths[-1])
+    expected, stages = np.zeros(shape), []
+    for theta, alpha in members:
+        expected = expected + alpha * net.forward(theta, x.reshape(-1, net.widths[0]))[0].reshape(shape)
+        stages.append(expected)
+    assert len(ensemble) == len(members)
+    np.testing.assert_allclose(ensemble.q(x), expected, rtol=1e-4, atol=1e-5)
+    assert ensemble.q(x).shape == shape and ensemble.q(x).dtype == np.float32
+    np.testing.assert_allclose(
+        ensemble.staged_q(x), np.reshape(stages, (len(members), *shape)), rtol=1e-4, atol=1e-5
+    )
+
+
+@given(ensembles(), rngs())
+def test_the_stages_telescope(both, rng):
+    """The last stage is q, and what each adds is its booster's term."""
+    ensemble, members = both
+    assume(members)
+    x = rng.normal(size=(3, ensemble.net.widths[0]))
+    stages, terms = ensemble.staged_q(x), ensemble.terms(x)
+    np.testing.assert_allclose(stages[-1], ensemble.q(x), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(np.diff(stages, axis=0, prepend=0), terms, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(2,), (5, 2), (4, 5, 2)], ids=str)
+def test_the_empty_ensemble_is_the_zero_function(shape):
+    ensemble, expected = Ensemble(MLP((2, 4, 3))), np.zeros((*shape[:-1], 3))
+    assert ensemble.q(np.ones(shape)).tolist() == expected.tolist()
+    assert ensemble.staged_q(np.ones(shape)).shape == (0, *expected.shape)
+
+
+def test_what_is_frozen_stays_frozen():
+    """Catches a stack that keeps a view of the θ that goes on learning."""
+    net, x = MLP((2, 4, 3)), np.ones((5, 2))
+    first, second = net.init(np.random.default_rng(0), 2)
+    ensemble = Ensemble(net)
+    ensemble.add(first, 0.5)
+    before = ensemble.q(x).tobytes()
+    first += 1
+    assert ensemble.q(x).tobytes() == before
+    ensemble.add(second, 2.0)
+    second += 1
+    assert ensemble.staged_q(x)[0].tobytes() == before
+    assert ensemble.theta.shape == (2, net.size) and ensemble.alpha.tolist() == [0.5, 2.0]

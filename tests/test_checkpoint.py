@@ -1,0 +1,309 @@
+"""An agent on disk is the agent, to the bit; what is not an agent is refused and leaves everything as it was."""
+
+import json
+import os
+import zipfile
+
+import numpy as np
+import pytest
+
+from gbdqn_ref import UsageError, checkpoint
+from gbdqn_ref.train import Config, make_agent, run
+
+SCHEDULE = [{"episode": 3, "length": 2.0}, {"episode": 5, "gravity": 2.0}, {"episode": 8, "reset": True}]
+SMALL = dict(episodes=10, hidden=(5,), capacity=80, batch_size=8, learning_starts=20, schedule=SCHEDULE)
+CONFIGS = [
+    Config(agent="dqn", **SMALL),
+    Config(agent="dqn", replay="uniform", behaviour="softmax", **SMALL),
+    Config(agent="gbdqn", **SMALL),
+    Config(agent="gbdqn", target="frozen", alpha="closed-form", loss_on="h", replay="proportional", **SMALL),
+    Config(agent="gbdqn", alpha=1, **SMALL),  # a whole number, which once frozen is a float
+]
+every_config = pytest.mark.parametrize("config", CONFIGS, ids=lambda c: f"{c.agent}-{c.replay}-{c.target}-{c.alpha}")
+
+
+def state_bytes(agent):
+    return {name: (array.dtype, array.shape, array.tobytes()) for name, array in checkpoint.state(agent).items()}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A checkpoint after 6 episodes, with two drifts behind it: (its path, the agent)."""
+    agent = make_agent(CONFIGS[2])
+    for record in run(CONFIGS[2], agent):
+        if record["episode"] == 5:
+            break
+    checkpoint.save(tmp_path / "checkpoint.npz", agent, 6)
+    return tmp_path / "checkpoint.npz", agent
+
+
+def refused(path, config=CONFIGS[2], match="."):
+    """Loading raises a UsageError in one line that names the file, and leaves the agent as it was."""
+    agent = make_agent(config)
+    before = state_bytes(agent)
+    with pytest.raises(UsageError, match=match) as caught:
+        checkpoint.load(path, agent)
+    assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+    assert state_bytes(agent) == before
+
+
+@every_config
+def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, config):
+    original, states = make_agent(config), {}
+    records = []
+    for record in run(config, original):
+        records.append(repr(record))
+        if record["episode"] in (0, 2, 3, 6, 9):  # before learning, before, at and after drifts, at the end
+            checkpoint.save(tmp_path / str(len(records)), original, len(records))
+            states[len(records)] = state_bytes(original)
+    for episodes, state in states.items():
+        again = make_agent(config)
+        assert checkpoint.load(tmp_path / str(episodes), again) == episodes
+        assert state_bytes(again) == state
+        assert [repr(record) for record in run(config, again, episodes)] == records[episodes:]
+        assert state_bytes(again) == state_bytes(original)
+
+
+@every_config
+def test_the_same_agent_is_the_same_bytes(tmp_path, config):
+    agents = [make_agent(config), make_agent(config)]
+    for i, agent in enumerate(agents):
+        list(run(config, agent))
+        checkpoint.save(tmp_path / str(i), agent, 10)
+    again = make_agent(config)
+    checkpoint.load(tmp_path / "0", again)
+    checkpoint.save(tmp_path / "2", again, 10)
+    assert (tmp_path / "0").read_bytes() == (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
+
+
+def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
+    names = set(checkpoint.state(saved[1]))
+    assert names >= {
+        "theta", "theta_target", "steps", "alpha", "rng", "q_frozen", "q_frozen_next", "adam.m", "adam.v", "adam.t",
+        "ensemble.theta", "ensemble.alpha", "replay.s", "replay.a", "replay.r", "replay.s2", "replay.terminated",
+        "replay.added", "replay.max_priority", "replay.tree.levels.0",
+    }  # fmt: skip
+
+
+def test_a_loaded_agent_shares_nothing_with_another(saved):
+    path, original = saved
+    before = state_bytes(original)
+    again = make_agent(CONFIGS[2])
+    checkpoint.load(path, again)
+    list(run(CONFIGS[2], again, 6))
+    assert state_bytes(original) == before
+
+
+def test_no_pickle_is_ever_read_or_written(saved):
+    with np.load(saved[0], allow_pickle=False) as file:
+        assert all(file[name].dtype != object for name in file.files)
+
+
+# --- damaged and foreign files ---------------------------------------------------------------------------------------
+
+
+class Bomb:
+    """Unpickling it makes a folder."""
+
+    def __init__(self, path):
+        self.path = str(path)
+
+    def __reduce__(self):
+        return os.mkdir, (self.path,)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_file_is_refused(saved, kept):
+    path, _ = saved
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * kept)])
+    refused(path, match="damaged")
+
+
+@pytest.mark.parametrize("content", [b"hello\n", b"\x00" * 5000, b"PK\x03\x04", b"\x80\x04N.", b"\x93NUMPY\x01\x00"])
+def test_a_file_that_is_something_else_is_refused(saved, content):
+    saved[0].write_bytes(content)
+    refused(saved[0], match="damaged or foreign")
+
+
+def test_a_single_array_is_refused(saved):
+    with open(saved[0], "wb") as file:
+        np.save(file, np.zeros(3))
+    refused(saved[0], match="damaged or foreign")
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"x": np.zeros(3)},
+        {"header": np.zeros(3)},
+        {"header": np.array(3.0)},
+        {"header": np.array("not JSON")},
+        {"header": np.array("[]")},
+        {"header": np.array("{}")},
+    ],
+    ids=lambda arrays: repr(arrays)[:40],
+)
+def test_arrays_of_something_else_are_refused(saved, arrays):
+    np.savez(saved[0], **arrays)
+    refused(saved[0], match="damaged or foreign")
+
+
+def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
+    path, agent = saved
+    header = json.dumps({"format": 1, "episodes": 6, "config": agent.config.to_dict()})
+    bomb = np.array([Bomb(path.parent / "exploded")], object)
+    np.savez(path, header=np.array(header), **checkpoint.state(agent) | {"theta": bomb})
+    refused(path)
+    path.write_bytes(bomb.dumps())
+    refused(path)
+    assert not (path.parent / "exploded").exists()  # catches allow_pickle=True
+
+
+def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
+    with pytest.raises((UsageError, OSError)):
+        checkpoint.load(tmp_path, make_agent(CONFIGS[2]))
+
+
+def rewritten(path, header=None, drop=(), **arrays):
+    """The checkpoint at path with another header or other arrays."""
+    with np.load(path) as file:
+        old = dict(file)
+    old_header = json.loads(old.pop("header").item())
+    new = {name: array for name, array in old.items() if name not in drop} | arrays
+    np.savez(path, header=np.array(json.dumps(old_header | (header or {}))), **new)
+
+
+def test_rewriting_alone_does_no_harm(saved):
+    rewritten(saved[0])
+    assert checkpoint.load(saved[0], make_agent(CONFIGS[2])) == 6
+
+
+def test_another_format_is_refused(saved):
+    rewritten(saved[0], {"format": 99})
+    refused(saved[0], match="99")
+
+
+@pytest.mark.parametrize("other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr)
+def test_the_checkpoint_of_another_run_is_refused(saved, other):
+    refused(saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings")
+
+
+@pytest.mark.parametrize(
+    ("drop", "arrays"),
+    [
+        (["theta"], {}),
+        (["replay.tree.levels.0"], {}),
+        ([], {"new": np.zeros(1)}),
+        ([], {"theta": np.zeros(3, np.float32)}),
+        ([], {"steps": np.array("many")}),
+        ([], {"replay.s": np.zeros((9, 4), np.float32)}),
+        ([], {"ensemble.theta": np.zeros((2, 3), np.float32)}),
+    ],
+    ids=lambda part: str(list(part)),
+)
+def test_arrays_that_do_not_fit_are_refused(saved, drop, arrays):
+    rewritten(saved[0], None, drop, **arrays)
+    refused(saved[0], match="does not fit")
+
+
+def spots(data):
+    """(byte, bit): at random, and all of the last directory entry and the end record, which no checksum covers."""
+    rng = np.random.default_rng(0)
+    anywhere = zip(rng.integers(len(data), size=150).tolist(), rng.integers(8, size=150).tolist(), strict=True)
+    return [*anywhere, *((byte, bit) for byte in range(data.rindex(b"PK\1\2"), len(data)) for bit in range(8))]
+
+
+def test_a_flipped_bit_is_refused_or_harmless(saved):
+    path, original = saved
+    data, expected, fresh, wrong = path.read_bytes(), state_bytes(original), state_bytes(make_agent(CONFIGS[2])), []
+    agent, refusals = make_agent(CONFIGS[2]), 0
+    for byte, bit in spots(data):
+        damaged = bytearray(data)
+        damaged[byte] ^= 1 << bit
+        path.write_bytes(damaged)
+        try:
+            checkpoint.load(path, agent)
+        except UsageError as e:
+            refusals += 1
+            if "\n" in str(e) or state_bytes(agent) != fresh:
+                wrong.append((byte, bit, "half restored"))
+        except Exception as e:
+            wrong.append((byte, bit, repr(e)))
+        else:
+            if state_bytes(agent) != expected:
+                wrong.append((byte, bit, "not the same agent"))
+            agent = make_agent(CONFIGS[2])
+    assert refusals > 150 and not wrong, wrong[:5]
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/fd"), reason="counts the open files of this process")
+def test_a_damaged_file_is_closed_again(saved):
+    path, _ = saved
+    path.write_bytes(path.read_bytes()[:-100])
+    before, errors = len(os.listdir("/proc/self/fd")), []
+    for _ in range(3):
+        with pytest.raises(UsageError) as caught:
+            checkpoint.load(path, make_agent(CONFIGS[2]))
+        errors.append(caught.value)  # its traceback would keep alive what load() left open
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+class CrashError(Exception):
+    pass
+
+
+def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
+    path = tmp_path / "file"
+    checkpoint.write_atomically(path, lambda file: file.write(b"old"))
+
+    def half(file):
+        file.write(b"new, but only h")
+        file.flush()
+        assert path.read_bytes() == b"old"
+        raise CrashError
+
+    with pytest.raises(CrashError):
+        checkpoint.write_atomically(path, half)
+    assert path.read_bytes() == b"old"
+    checkpoint.write_atomically(path, lambda file: file.write(b"new"))
+    assert path.read_bytes() == b"new" and [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_failure_while_writing_a_new_file_leaves_none(tmp_path):
+    def half(file):
+        file.write(b"x")
+        raise CrashError
+
+    with pytest.raises(CrashError):
+        checkpoint.write_atomically(tmp_path / "file", half)
+    assert not (tmp_path / "file").exists()
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monkeypatch, call):
+    path, agent = saved
+    old = path.read_bytes()
+    list(run(CONFIGS[2], agent, 6))
+
+    def stop(*_):
+        raise CrashError
+
+    monkeypatch.setattr(checkpoint.os, call, stop)
+    with pytest.raises(CrashError):
+        checkpoint.save(path, agent, 10)
+    monkeypatch.undo()
+    assert path.read_bytes() == old and checkpoint.load(path, make_agent(CONFIGS[2])) == 6
+
+
+def test_a_checkpoint_reaches_the_disk_before_it_takes_the_old_ones_place(saved, monkeypatch):
+    order = []
+    for name in ("fsync", "replace"):
+        original = getattr(os, name)
+        monkeypatch.setattr(checkpoint.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a)))
+    checkpoint.save(*saved, 6)
+    assert order == ["fsync", "replace"]
+    assert zipfile.ZipFile(saved[0]).testzip() is None

@@ -1,0 +1,292 @@
+"""Ways to hold the command line wrong. Each is answered with one line that names what is wrong, and nothing changes."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gbdqn_ref import runs
+from gbdqn_ref.__main__ import main
+from gbdqn_ref.config import Config
+
+SMALL = ["--set", "episodes=6", "--set", "hidden=[4]", "--set", "learning_starts=30", "--set", "capacity=50"]
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.is_file() and path.read_bytes() for path in folder.rglob("*")}
+
+
+def refused(capsys, folder, arguments, keyword):
+    """The command is answered with exit status 2 and one line with the keyword; no file changes, appears or goes."""
+    before = contents(folder)
+    status, (stdout, stderr) = main(arguments), capsys.readouterr()
+    assert status == 2
+    assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, stderr
+    assert "Traceback" not in stderr and len(stderr) < 800
+    assert any(word in stderr for word in keyword.split("|"))
+    assert stdout == ""
+    assert contents(folder) == before
+
+
+def settings(*pairs):
+    return [part for pair in pairs for part in ("--set", pair)]
+
+
+def schedule(*entries):
+    return settings(f"schedule={json.dumps(entries)}")
+
+
+COMMANDS = {
+    "no command": ([], "command"),
+    "an unknown command": (["learn"], "'train', 'compare'"),
+    "an unknown option": (["train", "--episodes", "5"], "--episodes"),
+    "a stray word": (["train", "cartpole"], "cartpole"),
+    "an option without its value": (["train", "--env"], "--env"),
+    "an unknown environment": (["train", "--env", "Hopper-v5"], "cartpole, mountaincar, acrobot"),
+    "an unknown agent": (["train", "--agent", "ppo"], "gbdqn, dqn"),
+    "an empty agent": (["train", "--agent", ""], "gbdqn, dqn"),
+    "an unknown preset": (["train", "--preset", "slow"], "paper, fast"),
+    "a seed in words": (["train", "--seed", "x"], "--seed"),
+    "half a seed": (["train", "--seed", "1.5"], "--seed"),
+    "a negative seed": (["train", "--seed", "-1"], "seed must be a whole number from 0 on"),
+    "an unknown agent in a comparison": (["compare", "--agents", "gbdqn,ppo"], "'ppo'"),
+    "no agent in a comparison": (["compare", "--agents", ""], "choose one of gbdqn, dqn"),
+    "an empty agent in a comparison": (["compare", "--agents", "gbdqn,,dqn"], "choose one of gbdqn, dqn"),
+    "an agent twice in a comparison": (["compare", "--agents", "dqn,dqn"], "twice"),
+    "a comparison to be resumed": (["compare", "--resume"], "--resume"),
+    "resuming without a folder": (["train", "--resume"], "--out"),
+}
+SETTINGS = {
+    "a setting without a value": (settings("episodes"), "KEY=VALUE"),
+    "a setting without a name": (settings("=3"), "no setting ''"),
+    "a misspelt setting": (settings("epsiodes=3"), "did you mean 'episodes'"),
+    "a setting that there is not": (settings("xyzzy=3"), "no setting 'xyzzy'"),
+    "the environment as a setting": (settings("env=acrobot"), "--env"),
+    "a setting named like an argument of ours": (settings("name=paper"), "no setting 'name'"),
+    "no episodes": (settings("episodes=0"), "episodes must be"),
+    "negative episodes": (settings("episodes=-1"), "episodes must be"),
+    "half an episode": (settings("episodes=1.5"), "episodes must be a whole number"),
+    "episodes that are no number": (settings("episodes=nan"), "episodes must be a whole number"),
+    "episodes that are NaN": (settings("episodes=NaN"), "episodes must be a whole number"),
+    "empty episodes": (settings("episodes="), "episodes must be a whole number"),
+    "a step size of 0": (settings("lr=0"), "lr must be a positive"),
+    "an infinite step size": (settings("lr=Infinity"), "lr must be a positive"),
+    "a step size in words": (settings("lr=abc"), "lr must be a number"),
+    "a step size beyond all floats": (settings("lr=" + "9" * 400), "lr must be"),
+    "more digits than Python reads": (settings("seed=" + "9" * 5000), "seed"),
+    "brackets without end": (settings("hidden=" + "[" * 100_000), "hidden"),
+    "a discount of 1": (settings("gamma=1"), "gamma must be in [0, 1)"),
+    "a layer of width 0": (settings("hidden=[0]"), "hidden must be a list of widths"),
+    "a width in place of a list": (settings("hidden=128"), "hidden must be a list"),
+    "no capacity": (settings("capacity=0"), "capacity must be"),
+    "an absurd capacity": (settings("capacity=1e20"), "capacity must be"),
+    "an absurd whole capacity": (settings("capacity=100000000000000000000"), "10,000,000"),
+    "an empty batch": (settings("batch_size=0"), "batch_size must be"),
+    "a negative alpha": (settings("alpha=-1"), '"closed-form"'),
+    "half of closed-form": (settings("alpha=closed"), '"closed-form"'),
+    "half a target": (settings("target=half"), "live, frozen"),
+    "no replay": (settings("replay=none"), "uniform, proportional, recency"),
+    "Python's None": (settings("normalise=None"), "null"),
+    "yes for true": (settings("zero_output=yes"), "true or false"),
+    "a schedule in words": (settings("schedule=gravity"), "schedule must be a list"),
+    "an entry in place of a schedule": (settings('schedule={"episode": 3, "gravity": 2}'), "schedule must be a list"),
+    "a schedule with a missing bracket": (
+        settings('schedule=[{"episode": 3, "gravity": 2}'),
+        "schedule must be a list",
+    ),
+    "an unknown factor": (schedule({"episode": 3, "wind": 2}), "gravity, cart_mass, pole_mass, length, force"),
+    "decreasing episodes": (schedule({"episode": 3, "force": 2}, {"episode": 2, "force": 3}), "must increase"),
+    "an entry without an episode": (schedule({"gravity": 2}), "'episode'"),
+    "a factor of 0": (schedule({"episode": 3, "gravity": 0}), "'gravity' must be a positive"),
+    "a factor and a reset": (schedule({"episode": 3, "gravity": 2, "reset": True}), "'reset'"),
+    "neither a factor nor a reset": (schedule({"episode": 3}), "'reset'"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "keyword"), COMMANDS.values(), ids=COMMANDS)
+def test_a_wrong_command_is_refused(tmp_path, monkeypatch, capsys, arguments, keyword):
+    monkeypatch.chdir(tmp_path)
+    refused(capsys, tmp_path, arguments, keyword)
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+@pytest.mark.parametrize(("arguments", "keyword"), SETTINGS.values(), ids=SETTINGS)
+def test_a_wrong_setting_is_refused(tmp_path, capsys, command, arguments, keyword):
+    refused(capsys, tmp_path, [command, "--out", str(tmp_path / "run"), *arguments], keyword)
+
+
+# --- folders ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["train", "compare"])
+@pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
+def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path, capsys, command, place):
+    (tmp_path / "file").write_text("mine")
+    refused(capsys, tmp_path, [command, "--out", str(tmp_path / place), *SMALL], "ot a folder|ot a directory")
+
+
+def test_a_folder_that_is_not_empty_is_refused(tmp_path, capsys):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("mine")
+    refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "full"), *SMALL], "not empty")
+
+
+def test_a_folder_of_something_else_is_refused_by_compare(tmp_path, capsys):
+    (tmp_path / "both" / "gbdqn").mkdir(parents=True)
+    (tmp_path / "both" / "gbdqn" / "thesis.txt").write_text("mine")
+    refused(capsys, tmp_path, ["compare", "--out", str(tmp_path / "both"), *SMALL], "not empty")
+
+
+@pytest.mark.parametrize("place", ["nowhere", "empty", "file", "two\nlines"])
+def test_there_is_nothing_to_resume_where_there_is_no_run(tmp_path, capsys, place):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("mine")
+    refused(capsys, tmp_path, ["train", "--resume", "--out", str(tmp_path / place)], "there is no run in")
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """A small run, complete."""
+    folder = tmp_path_factory.mktemp("complete")
+    assert main(["train", "--agent", "dqn", "--out", str(folder), "--quiet", *SMALL]) == 0
+    return folder
+
+
+@pytest.fixture
+def run(complete, tmp_path):
+    """The same, as if it had been killed after its last checkpoint."""
+    folder = Path(shutil.copytree(complete, tmp_path / "run"))
+    for name in ("summary.json", "curve.png"):
+        (folder / name).unlink()
+    return folder
+
+
+def resume(run, capsys, keyword):
+    refused(capsys, run.parent, ["train", "--resume", "--out", str(run), "--quiet"], keyword)
+
+
+def test_the_run_of_these_tests_can_be_resumed(complete, run, capsys):
+    assert main(["train", "--resume", "--out", str(run), "--quiet"]) == 0
+    assert contents(run) == contents(complete)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"\xff\xfe", b"null", b"[]", b"5", b"{}", b'{"config": []}', b'{"config": 5}', b'{"config": "dqn"}'],
+)
+def test_a_damaged_config_is_refused(run, capsys, content):
+    (run / "config.json").write_bytes(content)
+    resume(run, capsys, "config.json")
+
+
+@pytest.mark.parametrize(("name", "value"), [("lr", -1), ("episodes", "many"), ("xyzzy", 1)])
+def test_a_config_with_a_value_that_cannot_be_is_refused(run, capsys, name, value):
+    content = json.loads((run / "config.json").read_text())
+    content["config"][name] = value
+    (run / "config.json").write_text(json.dumps(content))
+    resume(run, capsys, name)
+
+
+def truncated(data):
+    return data[: len(data) // 2]
+
+
+@pytest.mark.parametrize("damage", [truncated, lambda data: b"", lambda data: b"hello\n" + data[6:]])
+def test_a_damaged_checkpoint_is_refused(run, capsys, damage):
+    path = run / "checkpoint.npz"
+    path.write_bytes(damage(path.read_bytes()))
+    resume(run, capsys, "checkpoint.npz is damaged")
+
+
+def test_the_checkpoint_of_another_run_is_refused(run, tmp_path, capsys):
+    other = tmp_path / "other"
+    runs.train(Config(agent="dqn", seed=1, episodes=2, hidden=(4,), capacity=50), other, quiet=True)
+    shutil.copy(other / "checkpoint.npz", run)
+    resume(run, capsys, "other settings")
+
+
+def test_a_checkpoint_of_a_later_format_is_refused(run, capsys):
+    with np.load(run / "checkpoint.npz") as file:
+        arrays = dict(file)
+    arrays["header"] = np.array(json.dumps(json.loads(arrays["header"].item()) | {"format": 99}))
+    np.savez(run / "checkpoint.npz", **arrays)
+    resume(run, capsys, "99")
+
+
+def test_a_missing_episodes_csv_is_refused(run, capsys):
+    (run / "episodes.csv").unlink()
+    resume(run, capsys, "episodes.csv")
+
+
+EPISODES = {
+    "empty": lambda text: "",
+    "only a header": lambda text: text.splitlines()[0] + "\n",
+    "an episode short": lambda text: "\n".join(text.splitlines()[:-1]) + "\n",
+    "cut in its last line": lambda text: text[: text.rindex("\n") - 30],
+    "cut in its last number": lambda text: text[: text.rindex("\n") - 3],
+    "another header": lambda text: text.replace("episode,", "epoch,", 1),
+    "no header": lambda text: text.split("\n", 1)[1],
+    "a word for a number": lambda text: text.replace("\n3,", "\nthree,"),
+    "a column less": lambda text: text.replace("\n3,", "\n"),
+    "an episode twice": lambda text: text.replace("\n3,", "\n2,"),
+    "not text": lambda text: text.replace("\n3,", "\n\udcff,"),
+}
+
+
+@pytest.mark.parametrize("damage", EPISODES.values(), ids=EPISODES)
+def test_a_damaged_episodes_csv_is_refused(run, capsys, damage):
+    path = run / "episodes.csv"
+    path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
+    resume(run, capsys, "episodes.csv")
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"null", b"{}", b"\xff"])
+def test_a_damaged_summary_is_refused(complete, tmp_path, capsys, content):
+    folder = Path(shutil.copytree(complete, tmp_path / "run"))
+    (folder / "summary.json").write_bytes(content)
+    resume(folder, capsys, "summary.json")
+
+
+def test_compare_refuses_a_damaged_run(complete, tmp_path, capsys):
+    folder = Path(shutil.copytree(complete, tmp_path / "both" / "dqn"))
+    (folder / "episodes.csv").write_text("nothing of the kind\n")
+    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), "--quiet", *SMALL]
+    refused(capsys, tmp_path, arguments, "episodes.csv is damaged")
+
+
+def test_compare_refuses_runs_with_other_settings(complete, tmp_path, capsys):
+    shutil.copytree(complete, tmp_path / "both" / "dqn")
+    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), *SMALL, "--set", "lr=0.5"]
+    refused(capsys, tmp_path, arguments, "other settings")
+
+
+LOCK = "import fcntl, sys; f = open(sys.argv[1]); fcntl.flock(f, fcntl.LOCK_EX); print('locked', flush=True); input()"
+
+
+@pytest.mark.skipif(runs.fcntl is None, reason="no flock on this system")
+def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys):
+    with subprocess.Popen(
+        [sys.executable, "-c", LOCK, str(run / "config.json")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline() == "locked\n"
+        resume(run, capsys, "in use by another process")
+        other.communicate("\n")
+    assert main(["train", "--resume", "--out", str(run), "--quiet"]) == 0
+    assert contents(run) == contents(complete)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["train", "--env", "x"], ["train", "--resume", "--out", "nowhere"], ["compare", "--set", "lr=0"]]
+)
+def test_a_process_ends_with_the_same_line_and_status(tmp_path, capsys, arguments, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    expected = capsys.readouterr().err
+    monkeypatch.setenv("PYTHONPATH", str(Path(runs.__file__).parents[1]))
+    result = subprocess.run([sys.executable, "-m", "gbdqn_ref", *arguments], capture_output=True, encoding="utf-8")
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", expected)
+    assert contents(tmp_path) == {}

@@ -1,0 +1,136 @@
+"""Worked examples, small enough to be done by hand."""
+
+import numpy as np
+import pytest
+
+from gbdqn_ref.stats import final_return, recovery, regime_table, trailing_mean
+
+
+def records(*regimes):
+    """The records of a run: (return of each episode) per regime."""
+    rows = []
+    for regime, returns in enumerate(regimes):
+        for i, r in enumerate(returns):
+            event = "drift" if regime and not i else ""
+            rows.append({"episode": len(rows), "regime": regime, "event": event, "return": float(r)})
+    return rows
+
+
+def test_the_final_return_is_the_mean_of_the_last_50_episodes():
+    assert final_return([1000.0] * 550 + [2.0] * 25 + [4.0] * 25) == 3.0
+
+
+def test_the_final_return_of_a_short_run_is_the_mean_of_all_of_it():
+    assert final_return([1.0, 2.0, 6.0]) == 3.0
+
+
+def test_the_final_return_is_a_plain_float():
+    assert type(final_return([1.0])) is float
+
+
+def test_a_trailing_mean_looks_back_only():
+    assert trailing_mean(np.array([0.0, 0.0, 3.0, 6.0]), 3).tolist() == [1.0, 3.0]
+    assert trailing_mean(np.array([4.0, 2.0]), 1).tolist() == [4.0, 2.0]
+
+
+@pytest.mark.parametrize("n", [0, 1, 4])
+def test_a_trailing_mean_of_too_little_is_empty(n):
+    assert trailing_mean(np.ones(n), 5).shape == (0,)
+    assert trailing_mean(np.ones(5), 5).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("levels", "episodes"),
+    [
+        ([1.0] * 10, 10),  # the first mean of 10 there is
+        ([0.91] * 10, 10),
+        ([0.0] * 10 + [1.0] * 20, 19),  # nine ones and a zero among the last ten: exactly 0.9
+        ([0.0] + [1.0] * 9, 10),
+        ([0.0] * 2 + [1.0] * 9, 11),
+        ([2.0] * 5 + [0.0] * 100, 10),
+    ],
+)
+def test_recovery_is_the_episode_at_which_the_mean_of_10_is_first_at_90_percent(levels, episodes):
+    assert recovery(levels) == episodes
+
+
+@pytest.mark.parametrize("levels", [[0.89] * 300, [0.0] * 10, [0.0, 1.0] * 50, [-5.0] * 40 + [1.0] * 8])
+def test_recovery_that_never_comes_is_none(levels):
+    assert recovery(levels) is None
+
+
+@pytest.mark.parametrize("levels", [[], [5.0], [5.0] * 9])
+def test_fewer_than_10_episodes_do_not_show_a_recovery(levels):
+    assert recovery(levels) is None
+
+
+def test_recovery_means_a_mean_not_one_good_episode():
+    assert recovery([0.0] * 5 + [1.0] + [0.0] * 30) is None
+
+
+def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
+    assert regime_table(records([10, 20]), 0.0) == [
+        dict(regime=0, first_episode=0, episodes=2, event="", mean_return=15.0, drop=None, recovery=None)
+    ]
+
+
+def test_the_table_of_a_drop_and_a_recovery():
+    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level, and 92 is 90 % of it
+    table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
+    assert table[1] == dict(
+        regime=1, first_episode=25, episodes=40, event="drift", mean_return=80.0, drop=0.5, recovery=28
+    )  # (2 · 60 + 8 · 100) / 10 = 92
+
+
+def test_the_reference_is_the_last_20_episodes_before_the_drift():
+    table = regime_table(records([0] * 100 + [100] * 20, [50] * 20), 0.0)
+    assert table[1]["drop"] == 0.5  # catches the mean of the whole regime, or the first 20
+
+
+def test_the_drop_is_that_of_the_first_20_episodes_after_the_drift():
+    assert regime_table(records([100] * 20, [50] * 20 + [100] * 80), 0.0)[1]["drop"] == 0.5
+
+
+def test_a_gain_is_a_negative_drop():
+    row = regime_table(records([100] * 20, [150] * 20), 0.0)[1]
+    assert (row["drop"], row["recovery"]) == (-0.5, 10)
+
+
+def test_a_level_is_counted_from_the_random_policy_where_returns_are_negative():
+    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[1]  # −140 is (500 − 140) / 400 = 0.9 of the way
+    assert row["drop"] == pytest.approx(0.1)
+    assert regime_table(records([-100] * 20, [-141] * 30), -500.0)[1]["recovery"] is None
+    assert regime_table(records([-100] * 20, [-139] * 30), -500.0)[1]["recovery"] == 10
+
+
+def test_a_recovery_that_does_not_come_within_the_regime_is_censored():
+    table = regime_table(records([100] * 20, [0] * 30, [100] * 30), 0.0)
+    assert (table[1]["drop"], table[1]["recovery"]) == (1.0, None)
+
+
+@pytest.mark.parametrize("before", [20.0, 19.0, -3.0])
+def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_policy(before):
+    row = regime_table(records([before] * 20, [100] * 30), 20.0)[1]
+    assert (row["drop"], row["recovery"]) == (None, None)
+
+
+def test_each_regime_is_compared_with_the_one_just_before_it():
+    table = regime_table(records([100] * 20, [50] * 20, [25] * 20), 0.0)
+    assert [row["drop"] for row in table] == [None, 0.5, 0.5]
+
+
+def test_a_short_regime_is_compared_with_what_there_is_before_it():
+    table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
+    assert [row["episodes"] for row in table] == [4, 3, 2]
+    assert table[1]["drop"] == 0.5
+    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5) / 7 = 55/7
+    assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
+
+
+def test_the_table_says_where_each_regime_begins_and_by_which_event():
+    rows = records([1] * 3, [1] * 4, [1] * 5)
+    rows[7]["event"] = "reset"
+    table = regime_table(rows, 0.0)
+    assert [(row["regime"], row["first_episode"], row["event"]) for row in table] == [
+        (0, 0, ""), (1, 3, "drift"), (2, 7, "reset")
+    ]  # fmt: skip
