@@ -4,6 +4,7 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
+export HYPOTHESIS_PROFILE ?= ci
 
 .PHONY: train test clean
 

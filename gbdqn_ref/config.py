@@ -240,7 +240,7 @@ FAST = {  # ours (D14): fewer episodes, and drifts that come as soon as there is
         tau=0.02,
         capacity=50_000,
         recency_rate=3e-5,
-        schedule=[{"episode": 220, "gravity": 2.0}, {"episode": 280, "length": 2.0}, {"episode": 340, "reset": True}],
+        schedule=[{"episode": 220, "gravity": 4.0}, {"episode": 320, "reset": True}],
     ),
     "mountaincar": MOUNTAINCAR
     | dict(episodes=400, schedule=[{"episode": 250, "gravity": 1.3}, {"episode": 325, "reset": True}]),

@@ -67,7 +67,8 @@ def check_schedule(name, schedule):
             if key not in stock:
                 raise UsageError(f"{name} has no {short(key)} that could drift; it has {', '.join(stock)}")
             if not is_number(value) or value == 0 or value < 0 and key not in MAY_BE_NEGATIVE:
-                raise UsageError(f"schedule factor {key!r} must be a positive finite number, not {short(value)}")
+                kind = "finite number other than 0" if key in MAY_BE_NEGATIVE else "positive finite number"
+                raise UsageError(f"schedule factor {key!r} must be a {kind}, not {short(value)}")
         regimes.append((episode, stock | factors, "reset" if reset else "drift"))
     return regimes if regimes and regimes[0][0] == 0 else [(0, stock, None), *regimes]
 

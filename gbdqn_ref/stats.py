@@ -36,7 +36,7 @@ def regime_table(records, random_return):
     """One dict per regime: first episode, episodes, event, mean return, drop and recovery against the one before.
 
     drop = 1 − mean level of the first 20 episodes. Both are None in the first regime, and where the 20 episodes before
-    the drift were no better than the random policy, so that nothing could be lost.
+    the drift were not better than the random policy by two standard errors, so that nothing could be lost.
     """
     regimes = [record["regime"] for record in records]
     starts = [i for i in range(len(records)) if i == 0 or regimes[i] != regimes[i - 1]]
@@ -53,8 +53,9 @@ def regime_table(records, random_return):
             "recovery": None,
         }
         if table:
-            span = np.mean([record["return"] for record in records[max(0, start - EDGE) : start]]) - random_return
-            if span > 0:
+            before = np.array([record["return"] for record in records[max(0, start - EDGE) : start]])
+            span = before.mean() - random_return
+            if span > 2 * before.std() / np.sqrt(len(before)):
                 levels = (returns - random_return) / span
                 row |= {"drop": float(1 - levels[:EDGE].mean()), "recovery": recovery(levels)}
         table.append(row)

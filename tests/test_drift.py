@@ -230,6 +230,7 @@ MALFORMED = {
     "both factors and a reset": ([{"episode": 1, "gravity": 2.0, "reset": True}], "gravity.*reset"),
     "a reset that is 1": ([{"episode": 1, "reset": 1}], "gravity.*reset"),
     "a factor 0": ([{"episode": 1, "gravity": 0}], "'gravity' must be a positive"),
+    "no push at all": ([{"episode": 1, "force": 0.0}], "'force'"),
     "a negative factor": ([{"episode": 1, "pole_mass": -1.0}], "'pole_mass' must be a positive"),
     "a factor that is no number": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
     "an infinite factor": ([{"episode": 1, "force": float("inf")}], "'force'.*inf"),

@@ -27,7 +27,7 @@ def refused(capsys, folder, arguments, keyword):
     assert status == 2
     assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, stderr
     assert "Traceback" not in stderr and len(stderr) < 800
-    assert any(word in stderr for word in keyword.split("|"))
+    assert any(word in stderr for word in keyword.split("|")), stderr
     assert stdout == ""
     assert contents(folder) == before
 
@@ -66,6 +66,8 @@ SETTINGS = {
     "a misspelt setting": (settings("epsiodes=3"), "did you mean 'episodes'"),
     "a setting that there is not": (settings("xyzzy=3"), "no setting 'xyzzy'"),
     "the environment as a setting": (settings("env=acrobot"), "--env"),
+    "the agent as a setting": (settings("agent=dqn"), "--agent"),
+    "the seed as a setting": (settings("seed=3"), "--seed"),
     "a setting named like an argument of ours": (settings("name=paper"), "no setting 'name'"),
     "no episodes": (settings("episodes=0"), "episodes must be"),
     "negative episodes": (settings("episodes=-1"), "episodes must be"),
@@ -77,7 +79,7 @@ SETTINGS = {
     "an infinite step size": (settings("lr=Infinity"), "lr must be a positive"),
     "a step size in words": (settings("lr=abc"), "lr must be a number"),
     "a step size beyond all floats": (settings("lr=" + "9" * 400), "lr must be"),
-    "more digits than Python reads": (settings("seed=" + "9" * 5000), "seed"),
+    "more digits than Python reads": (settings("episodes=" + "9" * 5000), "episodes must be"),
     "brackets without end": (settings("hidden=" + "[" * 100_000), "hidden"),
     "a discount of 1": (settings("gamma=1"), "gamma must be in [0, 1)"),
     "a layer of width 0": (settings("hidden=[0]"), "hidden must be a list of widths"),
@@ -189,6 +191,7 @@ def test_a_config_with_a_value_that_cannot_be_is_refused(run, capsys, name, valu
     content["config"][name] = value
     (run / "config.json").write_text(json.dumps(content))
     resume(run, capsys, name)
+    resume(run, capsys, "config.json")  # since no setting was given on the command line
 
 
 def truncated(data):
@@ -264,17 +267,31 @@ def test_compare_refuses_runs_with_other_settings(complete, tmp_path, capsys):
     refused(capsys, tmp_path, arguments, "other settings")
 
 
-LOCK = "import fcntl, sys; f = open(sys.argv[1]); fcntl.flock(f, fcntl.LOCK_EX); print('locked', flush=True); input()"
+BUSY = """
+import sys
+from gbdqn_ref import __main__, runs
+
+def wait(config):
+    print("training", flush=True)
+    sys.stdin.readline()
+    raise KeyboardInterrupt
+
+runs.make_agent = wait
+sys.exit(__main__.main())
+"""
 
 
 @pytest.mark.skipif(runs.fcntl is None, reason="no flock on this system")
-def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys):
+def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(Path(runs.__file__).parents[1]))
+    command = [sys.executable, "-c", BUSY, "train", "--resume", "--out", str(run)]
     with subprocess.Popen(
-        [sys.executable, "-c", LOCK, str(run / "config.json")], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as other:
-        assert other.stdout.readline() == "locked\n"
+        assert other.stdout.readline() == "training\n"
         resume(run, capsys, "in use by another process")
-        other.communicate("\n")
+        other.communicate("go\n")
+    assert other.returncode == 130
     assert main(["train", "--resume", "--out", str(run), "--quiet"]) == 0
     assert contents(run) == contents(complete)
 

@@ -145,9 +145,9 @@ def test_this_change_has_an_effect(name, key):
     assert max(apart(name, after(stock, s, a)[0], after(changed, s, a)[0]) for s, a in transitions(name, 10)) > 1e-5
 
 
-@pytest.mark.parametrize("by", [-1.0, 0.0])
+@pytest.mark.parametrize("by", [-1.0, -0.5])
 @pytest.mark.parametrize("name", ["cartpole", "mountaincar"])
-def test_a_push_can_be_reversed_or_absent(name, by):
+def test_a_push_can_be_reversed(name, by):
     same_transitions(name, drifted(name, force=by), FRESH[name](force=by), 0)
 
 

@@ -1,0 +1,320 @@
+"""The three buffers against a Python list that does everything the slow way, and their draws against χ²."""
+
+from math import exp
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from strategies import positives, reals, rngs, sizes
+
+from gbdqn_ref.replay import ProportionalReplay, RecencyReplay, SumTree, UniformReplay, importance_weights
+
+D = 2
+RATES = [0.0, 1e-3, 0.5, 5.0]
+
+
+def transition(number):
+    """(s, a, r, s2, terminated), no two alike."""
+    return np.array([number, 0.5]), number % 3, -0.25 * number, np.array([number + 1, -0.5]), number % 4 == 3
+
+
+def fill(replay, n, rng=None):
+    """Add n transitions, and with a generator draw their TD errors, a few of them large."""
+    for number in range(n):
+        replay.add(*transition(number))
+    if rng:
+        replay.update_priorities(np.arange(len(replay)), rng.standard_t(2, len(replay)))
+    return replay
+
+
+# --- against a list --------------------------------------------------------------------------------------------------
+
+
+class AgainstAList(RuleBasedStateMachine):
+    """The model is a list of [slot, transition, priority], oldest first."""
+
+    @initialize(
+        kind=st.sampled_from([UniformReplay, ProportionalReplay, RecencyReplay]),
+        capacity=st.sampled_from([1, 2, 5, 18]),  # 18 leaves make a tree of two levels
+        offset=st.sampled_from([0.01, 1.0]),
+        exponent=st.sampled_from([0.0, 0.6, 1.0]),
+        is_exponent=st.sampled_from([0.0, 0.4, 1.0]),
+        normalise=st.sampled_from(["batch", None]),
+        mix=st.sampled_from([0.0, 0.3, 1.0]),
+        rate=st.sampled_from(RATES),
+    )
+    def start(self, kind, capacity, offset, exponent, is_exponent, normalise, mix, rate):
+        proportional = dict(
+            priority_offset=offset, priority_exponent=exponent, is_exponent=is_exponent, normalise=normalise
+        )
+        options = {
+            UniformReplay: {},
+            ProportionalReplay: proportional,
+            RecencyReplay: proportional | dict(mix=mix, recency_rate=rate),
+        }
+        self.replay = kind(capacity, D, **options[kind])
+        self.capacity, self.offset, self.exponent = capacity, offset, exponent
+        self.is_exponent, self.normalise = is_exponent, normalise
+        self.mix, self.rate = {UniformReplay: (0, 0), ProportionalReplay: (1, 0), RecencyReplay: (mix, rate)}[kind]
+        self.prioritized = kind is not UniformReplay
+        self.added, self.stored, self.largest = 0, [], 1.0
+
+    def slots(self):
+        return [slot for slot, _, _ in self.stored]
+
+    def probability(self):
+        """Eqs. 10–11, {slot: P}; the uniform buffer is recency alone at rate 0."""
+        p = {
+            slot: self.mix * priority + (1 - self.mix) * exp(-self.rate * age)
+            for age, (slot, _, priority) in enumerate(reversed(self.stored))
+        }
+        return {slot: p[slot] / sum(p.values()) for slot in p}
+
+    @rule(n=sizes(7))
+    def add(self, n):
+        for _ in range(n):
+            slot = self.replay.add(*transition(self.added))
+            assert slot == self.added % self.capacity
+            self.stored = [*self.stored, [slot, transition(self.added), self.largest]][-self.capacity :]
+            self.added += 1
+
+    @precondition(lambda self: self.added)
+    @rule(data=st.data())
+    def update(self, data):
+        """A slot may be there twice, as in a batch; the last TD error holds."""
+        errors = data.draw(st.lists(st.tuples(st.sampled_from(self.slots()), reals()), min_size=1, max_size=8))
+        self.replay.update_priorities(*(np.array(column) for column in zip(*errors, strict=True)))
+        for slot, error in errors:
+            priority = (abs(error) + self.offset) ** self.exponent
+            self.largest = max(self.largest, priority)
+            self.stored[self.slots().index(slot)][2] = priority
+
+    @precondition(lambda self: self.added)
+    @rule(rng=rngs(), batch_size=sizes(5))
+    def sample(self, rng, batch_size):
+        batch = self.replay.sample(batch_size, rng)
+        contents, P = {slot: content for slot, content, _ in self.stored}, self.probability()
+        for i, slot in enumerate(batch.index):
+            for drawn, put in zip(batch[1:6], contents[slot], strict=True):
+                assert np.array_equal(drawn[i], put)
+        weight = np.ones(batch_size)
+        if self.prioritized:
+            weight = np.array([(len(P) * P[slot]) ** -self.is_exponent for slot in batch.index])
+            weight /= weight.max() if self.normalise else 1
+        np.testing.assert_allclose(batch.weight, weight, rtol=1e-6)
+
+    @invariant()
+    def the_buffer_is_the_list(self):
+        if not hasattr(self, "replay"):
+            return
+        self.replay.check_valid()
+        assert len(self.replay) == len(self.stored)
+        for age, (slot, (s, a, r, s2, terminated), _) in enumerate(reversed(self.stored)):
+            assert self.replay.age(slot) == age
+            assert self.replay.s[slot].tolist() == s.tolist() and self.replay.s2[slot].tolist() == s2.tolist()
+            assert (self.replay.a[slot], self.replay.r[slot], self.replay.terminated[slot]) == (a, r, terminated)
+        if self.stored:
+            P = self.probability()
+            np.testing.assert_allclose(self.replay.probabilities(), [P[slot] for slot in sorted(P)], rtol=1e-12)
+
+
+TestAgainstAList = AgainstAList.TestCase
+
+
+# --- draws -----------------------------------------------------------------------------------------------------------
+
+
+def assert_drawn_from_probabilities(replay, rng, n=100_000):
+    """χ² below its 99.9 % quantile; slots expected less than 5 times are counted with the rarest of the others."""
+    slots = replay.sample(n, rng).index
+    expected, observed = n * replay.probabilities(), np.bincount(slots, minlength=len(replay))
+    often = expected >= 5
+    cell = np.where(often, np.arange(len(replay)), np.where(often, expected, np.inf).argmin())
+    observed, expected = (np.bincount(cell, count, minlength=len(replay))[often] for count in (observed, expected))
+    dof = often.sum() - 1
+    quantile = dof * (1 - 2 / (9 * dof) + 3.0902 * np.sqrt(2 / (9 * dof))) ** 3  # Wilson–Hilferty; 39 → 72.06
+    assert ((observed - expected) ** 2 / expected).sum() < quantile
+
+
+REPLAYS = {"uniform": (UniformReplay, {}), "proportional": (ProportionalReplay, {})} | {
+    f"recency-{mix}-{rate}": (RecencyReplay, dict(mix=mix, recency_rate=rate))
+    for mix in (0.0, 0.3, 1.0)
+    for rate in RATES
+}
+kinds = pytest.mark.parametrize(("kind", "options"), REPLAYS.values(), ids=REPLAYS)
+
+
+@kinds
+@pytest.mark.parametrize("added", [33, 40, 97], ids=["filling", "full", "wrapped"])
+def test_draws_follow_the_probabilities(kind, options, added):
+    """Catches ages counted from slot 0, floor(+1), the two stages swapped, and a tree searched from the wrong end."""
+    rng = np.random.default_rng(added)
+    assert_drawn_from_probabilities(fill(kind(40, D, **options), added, rng), rng)
+
+
+@kinds
+def test_a_batch_has_one_row_per_draw(kind, options):
+    batch = fill(kind(5, D, **options), 7).sample(3, np.random.default_rng(0))
+    expected = dict(
+        index=((3,), np.int64),
+        s=((3, D), np.float32),
+        a=((3,), np.int64),
+        r=((3,), np.float32),
+        s2=((3, D), np.float32),
+        terminated=((3,), bool),
+        weight=((3,), np.float32),
+    )
+    assert {name: (x.shape, x.dtype) for name, x in batch._asdict().items()} == expected
+
+
+@kinds
+def test_the_same_seed_draws_the_same_batch_and_leaves_the_buffer_alone(kind, options):
+    replay = fill(kind(40, D, **options), 97, np.random.default_rng(0))
+    before = replay.probabilities().tobytes()
+    one, other = (replay.sample(64, np.random.default_rng(1)) for _ in range(2))
+    assert all(x.tobytes() == y.tobytes() for x, y in zip(one, other, strict=True))
+    assert replay.probabilities().tobytes() == before
+
+
+def test_ages_are_counted_from_the_newest_without_gaps():
+    """The drawing in the docstring: capacity 5 after 7 transitions."""
+    assert fill(UniformReplay(5, D), 7).age(np.arange(5)).tolist() == [1, 0, 4, 3, 2]
+    assert fill(UniformReplay(5, D), 3).age(np.arange(3)).tolist() == [2, 1, 0]
+
+
+def test_a_new_transition_enters_with_the_largest_priority_so_far():
+    """The largest that there ever was, not the largest that is left; and 1 before there was any."""
+    replay = ProportionalReplay(2, D, priority_offset=0.5, priority_exponent=2.0)
+    seen = []
+    for error in (0.0, 1.5, 0.0, 0.0):
+        slot = replay.add(*transition(0))
+        seen.append(replay.tree.leaves[slot])
+        replay.update_priorities(np.array([slot]), np.array([error]))
+    assert seen == [1.0, 1.0, 4.0, 4.0]  # (1.5 + 0.5)² = 4
+
+
+@pytest.mark.parametrize("n", [1, 10, 16])
+def test_where_every_priority_is_0_there_is_nothing_to_draw_from(n):
+    replay = fill(ProportionalReplay(n, D, priority_offset=0.0), n)
+    replay.update_priorities(np.arange(n), np.zeros(n))
+    with pytest.raises(ValueError, match="priority_offset must be positive"):
+        replay.sample(3, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="priority_offset must be positive"):
+        replay.probabilities()
+
+
+@pytest.mark.parametrize(
+    ("array", "place", "value"),
+    [
+        (lambda replay: replay.s, 35, 1.0),  # something in an empty slot
+        (lambda replay: replay.tree.leaves, 35, 1.0),  # which then may be drawn
+        (lambda replay: replay.tree.leaves, 3, -1.0),
+        (lambda replay: replay.tree.leaves, 3, 0.5),  # a leaf that its sum knows nothing of
+        (lambda replay: replay.tree.levels[1], 2, 1.0),  # a sum of nothing
+    ],
+)
+def test_check_valid_finds_damage(array, place, value):
+    replay = fill(ProportionalReplay(40, D), 30)
+    replay.check_valid()
+    array(replay)[place] = value
+    with pytest.raises(AssertionError):
+        replay.check_valid()
+
+
+# --- importance weights ----------------------------------------------------------------------------------------------
+
+
+@given(st.lists(positives(), min_size=2, max_size=6), st.data())
+def test_with_exponent_1_the_weights_undo_the_probabilities(p, data):
+    """E_P[w f] = mean f, whatever f is, added up over every transition."""
+    P, f = np.array(p) / sum(p), np.array(data.draw(st.lists(reals(), min_size=len(p), max_size=len(p))))
+    w = importance_weights(P, len(P), 1.0, normalise=None)
+    assert (P * w * f).sum() == pytest.approx(f.mean(), abs=1e-10)
+
+
+def test_importance_weights_by_hand():
+    P = np.array([0.8, 0.2])  # N P = 1.6 and 0.4
+    np.testing.assert_allclose(importance_weights(P, 2, 1.0, None), [0.625, 2.5])
+    np.testing.assert_allclose(importance_weights(P, 2, 0.5, None), [0.4**0.5 * 1.25, 2.5**0.5])
+    np.testing.assert_allclose(importance_weights(P, 2, 1.0), [0.25, 1.0])
+    np.testing.assert_allclose(importance_weights(P, 2, 0.5), [0.5, 1.0])
+    assert importance_weights(P, 2, 0.0).tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("normalise", ["max", "buffer", True, False, ""])
+def test_an_unknown_normalisation_is_refused(normalise):
+    with pytest.raises(ValueError, match='normalise must be "batch" or None'):
+        importance_weights(np.array([1.0]), 1, 1.0, normalise)
+
+
+@kinds
+def test_sampled_weights_are_at_most_1_and_the_largest_is_1(kind, options):
+    rng = np.random.default_rng(0)
+    replay = fill(kind(40, D, **options), 97, rng)
+    for _ in range(20):
+        weight = replay.sample(16, rng).weight
+        assert weight.max() == 1 and (weight > 0).all()
+        assert kind is not UniformReplay or (weight == 1).all()
+
+
+# --- the parts -------------------------------------------------------------------------------------------------------
+
+
+@given(rngs(), sizes(600), st.sampled_from([0.01, 0.3, 1.0]), st.sampled_from([0, 1, 8]))
+def test_the_tree_finds_what_a_cumulative_sum_finds(rng, size, density, spread):
+    """Among many empty leaves, of orders of magnitude that differ; up to rounding at the edges."""
+    tree, leaves = SumTree(size), rng.random(size) * 10 ** rng.uniform(-spread, spread, size)
+    leaves[rng.random(size) >= density] = 0
+    leaves[rng.integers(size)] = 1
+    tree.set(np.arange(size), leaves)
+    u = np.concatenate([[0, np.nextafter(tree.total(), 0)], rng.random(50) * tree.total()])
+    found, edges = tree.find(u), np.concatenate([[0], leaves.cumsum()])
+    assert (leaves[found] > 0).all()  # catches ≤ for <, and an u that rounding carries past the last leaf
+    slack = 1e-12 * tree.total()
+    assert (edges[found] <= u + slack).all() and (u - slack <= edges[found + 1]).all()
+
+
+@given(rngs(), sizes(600), st.integers(1, 4))
+def test_the_tree_is_exact_in_whole_numbers(rng, size, largest):
+    """Also on the edges, where the next leaf begins."""
+    tree, leaves = SumTree(size), rng.integers(largest + 1, size=size)
+    leaves[rng.integers(size)] = 1
+    for slot in rng.permutation(size):  # one by one, in any order
+        tree.set(slot, leaves[slot])
+    assert tree.total() == leaves.sum()
+    u = np.arange(0, leaves.sum(), 0.5)
+    assert tree.find(u).tolist() == leaves.cumsum().searchsorted(u, side="right").tolist()
+
+
+def test_no_error_builds_up_in_the_tree():
+    """Catches sums that are kept by adding differences: 1e16 + 1 − 1e16 is 0."""
+    tree = SumTree(300)
+    tree.set(np.arange(300), np.ones(300))
+    tree.set(7, 1e16)
+    tree.set(np.array([7, 299, 7]), np.array([3.0, 0.5, 1.0]))  # the last one holds
+    assert tree.total() == 299.5
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-12, 1e-3, 10.0])
+@pytest.mark.parametrize("added", [1, 33, 97])
+def test_the_closed_form_of_the_time_priorities_is_their_sum(rate, added):
+    """Catches 1 − e^{−α}, of which nothing is left at a small rate."""
+    replay = fill(RecencyReplay(40, D, recency_rate=rate), added)
+    assert replay.time_total() == pytest.approx(sum(exp(-rate * age) for age in range(min(added, 40))), rel=1e-13)
+
+
+@given(rngs(), st.floats(0, 1), st.sampled_from(RATES), sizes(60))
+def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added):
+    replay = fill(RecencyReplay(40, D, mix=mix, recency_rate=rate), added, rng)
+    td, time = (sum(x) for x in (replay.tree.leaves, (exp(-rate * age) for age in range(len(replay)))))
+    assert replay.td_share() == pytest.approx(mix * td / (mix * td + (1 - mix) * time), rel=1e-12)
+    assert 0 <= replay.td_share() <= 1
+
+
+def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
+    replay = fill(RecencyReplay(40, D, mix=0.0, recency_rate=0.0), 97)
+    np.testing.assert_allclose(replay.probabilities(), 1 / 40)
+    newest = fill(RecencyReplay(40, D, mix=0.0, recency_rate=100.0), 97).sample(1000, np.random.default_rng(0)).index
+    assert set(newest) == {96 % 40}
