@@ -6,6 +6,7 @@ buffer once, so a converged booster is the exact least-squares fit, and a drift 
 
 import numpy as np
 import pytest
+
 from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.tabular import MDP
 from gbdqn_ref.train import Config

@@ -5,9 +5,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from gbdqn_ref.replay import RecencyReplay, importance_weights, mixed_priority, td_priority, time_priority
 from hypothesis import given
 from hypothesis import strategies as st
+
+from gbdqn_ref.replay import RecencyReplay, importance_weights, mixed_priority, td_priority, time_priority
 
 MIXES = [F(0), F(1, 7), F(1, 2), F(9, 10), F(1)]
 

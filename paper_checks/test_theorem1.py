@@ -1,4 +1,4 @@
-"""Theorem 1: a boosting step with the closed-form α lowers the squared residual. True of a frozen target, and only of it.
+"""Theorem 1: a boosting step with the closed-form α lowers the squared residual. True of a frozen target, only of it.
 
 With A = Σ r_i h_i and B = Σ h_i² the frozen residual falls by exactly A²/B. The paper's reading, that the *Bellman*
 residual falls, is false: its target moves with Q. What holds for it is a bound in the sup norm.
@@ -8,10 +8,11 @@ from fractions import Fraction as F
 
 import numpy as np
 import pytest
-from gbdqn_ref.boosting import closed_form_alpha
-from gbdqn_ref.tabular import MDP
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
+from gbdqn_ref.boosting import closed_form_alpha
+from gbdqn_ref.tabular import MDP
 
 numbers = st.floats(-100, 100).filter(lambda x: x == 0 or abs(x) > 1e-3)
 vectors = st.integers(1, 8).flatmap(lambda n: st.tuples(*[st.lists(numbers, min_size=n, max_size=n).map(np.array)] * 2))
