@@ -21,7 +21,7 @@ def main(arguments=None):
         print("gbdqn_ref:", *str(error).split(), file=sys.stderr)  # one line, whatever is in a path
         return 2
     except KeyboardInterrupt:
-        print("\ngbdqn_ref: stopped; --resume goes on from the last checkpoint", file=sys.stderr)
+        print("\ngbdqn_ref: stopped; train --resume, or the same compare, goes on from the checkpoint", file=sys.stderr)
         return 130
     return 0
 

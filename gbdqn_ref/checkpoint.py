@@ -56,8 +56,9 @@ def load(path, agent):
             arrays = dict(content)
         header = json.loads(arrays.pop("header").item())
         config, episodes = header["config"], header["episodes"]
-        assert header["format"] == FORMAT, f"format {header['format']} instead of {FORMAT}"
-    except (*DAMAGED, AssertionError) as e:
+        if header["format"] != FORMAT:
+            raise ValueError(f"format {header['format']} instead of {FORMAT}")
+    except DAMAGED as e:
         raise UsageError(f"{path} is damaged or foreign ({e}); without it --resume starts anew") from e
     if config != agent.config.to_dict():
         raise UsageError(f"{path} belongs to a run with other settings than the config.json beside it")

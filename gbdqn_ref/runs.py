@@ -11,10 +11,11 @@ No file depends on the clock: killed and resumed, a run ends with the same bytes
 
 import csv
 import json
+import os
 import platform
 import time
+from contextlib import contextmanager
 from pathlib import Path
-from reprlib import repr as short
 
 import gymnasium
 import numpy as np
@@ -52,19 +53,33 @@ def train(config, out, resume=False, quiet=False):
     Without resume the folder must be new or empty. With it, a run that was killed goes on from its checkpoint.
     """
     out = Path(out)
-    if not resume:
-        create(config, out)
-    elif read_config(out) != config:
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is not a folder; choose another --out")
+    if resume and read_config(out) != config:
         raise UsageError(f"the run in {out} has other settings; leave them out to resume it, or choose another --out")
-    with open(out / "config.json") as lock:
-        if fcntl:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as e:
-                raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
+    out.mkdir(parents=True, exist_ok=True)
+    with _locked(out):
+        if not resume:
+            _start(config, out)
         if not (out / "summary.json").exists():
             _train(config, out, quiet)
     return read_summary(out)
+
+
+@contextmanager
+def _locked(out):
+    """Keep other processes from this folder; a killed process leaves no lock behind."""
+    if not fcntl:
+        yield
+        return
+    descriptor = os.open(out, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as e:
+        raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
+    finally:
+        os.close(descriptor)
 
 
 def _train(config, out, quiet):
@@ -118,13 +133,10 @@ def random_return(config, episodes=20):
     return float(evaluate(agent, env, episodes, seed=0).mean())
 
 
-def create(config, out):
-    """A new folder with its config.json."""
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is not a folder; choose another --out")
-    if out.exists() and any(path.suffix != ".part" for path in out.iterdir()):
+def _start(config, out):
+    """Put config.json into an empty folder; what a crash left half-written does not count."""
+    if any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(f"{out} is not empty; choose another --out, or continue the run in it with --resume")
-    out.mkdir(parents=True, exist_ok=True)
     versions = {
         "gbdqn_ref": __version__,
         "python": platform.python_version(),
@@ -140,9 +152,10 @@ def read_config(out):
     if not path.exists():
         raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
     values = _read_json(path, "config")["config"]
-    if not isinstance(values, dict):
-        raise UsageError(f"{path} is damaged (its config is {short(values)}); start a new run in another folder")
-    return Config.from_dict(values)
+    try:
+        return Config.from_dict(values)
+    except (UsageError, TypeError) as e:
+        raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
 
 
 def read_summary(out):
@@ -165,8 +178,9 @@ def _parse(path, lines):
         try:
             values = line.decode().split(",")
             records.append({name: kind(text) for (name, kind), text in zip(COLUMNS.items(), values, strict=True)})
-            assert records[k]["episode"] == k, f"episode {k} is missing"
-        except (ValueError, AssertionError) as e:
+            if records[k]["episode"] != k:
+                raise ValueError(f"episode {k} is missing")
+        except ValueError as e:
             raise UsageError(f"{path} is damaged in line {k + 2} ({e}); restore it or start a new run") from e
     return records
 
@@ -185,8 +199,9 @@ def _read_json(path, *keys):
     try:
         content = json.loads(Path(path).read_bytes())
         missing = [key for key in keys if key not in dict(content)]
-        assert not missing, f"no {missing}"
-    except (ValueError, TypeError, AssertionError) as e:
+        if missing:
+            raise ValueError(f"no {missing}")
+    except (ValueError, TypeError) as e:
         raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
     return content
 
