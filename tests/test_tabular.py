@@ -1,6 +1,6 @@
 """The Bellman operator against loops, and what the theory of finite MDPs promises of it."""
 
-from fractions import Fraction
+from fractions import Fraction as F
 
 import numpy as np
 import pytest
@@ -8,8 +8,6 @@ from hypothesis import given
 from strategies import mdps, rngs
 
 from gbdqn_ref.tabular import MDP
-
-F = Fraction
 
 
 def loops(mdp, Q):
