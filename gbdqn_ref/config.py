@@ -11,7 +11,7 @@ from reprlib import repr as short
 from typing import get_args
 
 from . import UsageError
-from .drift import ENVIRONMENTS, check_schedule, is_number
+from .drift import ENVIRONMENTS, check_schedule, environment, is_number
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,7 @@ class Config:
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
         """
-        if env not in ENVIRONMENTS:
-            raise UsageError(f"unknown environment {short(env)}; choose one of {', '.join(ENVIRONMENTS)}")
+        environment(env)  # refuses what there is not
         if name not in PRESETS:
             raise UsageError(f"unknown preset {short(name)}; choose one of {', '.join(PRESETS)}")
         return cls.from_dict({"env": env} | PRESETS[name][env] | values)
