@@ -31,7 +31,7 @@ def loss_gradient(error, weight, a, n_actions):
     >>> loss_gradient(np.array([2.0, -1.0]), np.array([0.5, 1.0]), np.array([1, 0]), 2).tolist()
     [[0.0, -0.5], [0.5, 0.0]]
     """
-    assert error.shape == weight.shape == a.shape, (error.shape, weight.shape, a.shape)
+    assert error.shape == weight.shape == a.shape == (len(a),), (error.shape, weight.shape, a.shape)
     dq = np.zeros((len(a), n_actions), error.dtype)
     dq[np.arange(len(a)), a] = -weight * error / len(a)
     return dq

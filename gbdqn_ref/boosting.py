@@ -25,7 +25,7 @@ def closed_form_alpha(residual, h, weights=None):
     scale = np.abs(h).max(initial=0.0) or 1.0  # h² of a tiny h would underflow to 0
     unit = h / scale
     A, B = np.vecdot(weights * residual, unit), np.vecdot(weights * unit, unit)
-    return float(A / B / scale) if B > 0 else 0.0
+    return float(A / B / scale) if B != 0 else 0.0
 
 
 class Ensemble:

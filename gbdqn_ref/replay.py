@@ -141,7 +141,7 @@ class SumTree:
         for level in reversed(self.levels):
             level.reshape(-1, self.FAN)[index].cumsum(-1, out=edges[:, 1:])
             u = np.minimum(u, np.nextafter(edges[:, -1], 0))  # rounding must not carry u past the last leaf
-            child = (edges[:, 1:] <= u[:, None]).sum(-1)
+            child = (edges[:, 1:] <= u[:, None]).sum(-1) % self.FAN  # where all are 0, the first
             u = u - edges[rows, child]
             index = index * self.FAN + child
         return index
@@ -181,19 +181,16 @@ class ProportionalReplay(UniformReplay):
         self.max_priority = max(self.max_priority, float(priority.max()))
 
     def _probability(self, index):
-        total = self._total()
-        if not total > 0:
-            raise ValueError("every priority is 0, so P = p / Σp is undefined; priority_offset must be positive")
-        return self._priority(index) / total
+        return self._priority(index) / self._total()
 
     def _draw(self, batch_size, rng):
-        return self.tree.find(rng.random(batch_size) * self.tree.total())
+        return self.tree.find(rng.random(batch_size) * self._total())
 
     def _priority(self, index):
         return self.tree.leaves[index]
 
     def _total(self):
-        return self.tree.total()
+        return _positive(self.tree.total())
 
     def check_valid(self):
         super().check_valid()
@@ -202,6 +199,12 @@ class ProportionalReplay(UniformReplay):
             sums = below.reshape(-1, SumTree.FAN).sum(-1)
             assert (above[: len(sums)] == sums).all() and not above[len(sums) :].any()
         assert self.tree.leaves.max() <= self.max_priority
+
+
+def _positive(total):
+    if not total > 0:
+        raise ValueError("every priority is 0, so P = p / Σp is undefined; priority_offset must be positive")
+    return total
 
 
 class RecencyReplay(ProportionalReplay):
@@ -243,4 +246,4 @@ class RecencyReplay(ProportionalReplay):
         return mixed_priority(self.tree.leaves[index], time_priority(self.age(index), self.recency_rate), self.mix)
 
     def _total(self):
-        return mixed_priority(self.tree.total(), self.time_total(), self.mix)
+        return _positive(mixed_priority(self.tree.total(), self.time_total(), self.mix))

@@ -19,7 +19,7 @@ class MDP:
 
     def __init__(self, P, r, gamma):
         self.P, self.r, self.gamma = np.asarray(P), np.asarray(r), gamma
-        if self.P.shape != (*self.r.shape, self.r.shape[0]):
+        if self.r.ndim != 2 or self.P.shape != (*self.r.shape, self.r.shape[0]):
             raise ValueError(f"P must be (S, A, S) and r (S, A), not {self.P.shape} and {self.r.shape}")
         if not 0 <= gamma < 1:
             raise ValueError(f"gamma must be in [0, 1), not {gamma}")
@@ -39,9 +39,11 @@ class MDP:
         return (mu * self.residual(Q) ** 2).sum()
 
     def q_star(self, tolerance=1e-12):
-        """Q*, by value iteration until ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, hence ‖Q − Q*‖∞ ≤ tolerance."""
-        Q = np.zeros(self.r.shape)
-        target = max(tolerance * (1 - self.gamma), 1e-15 * np.abs(self.r).max())
-        while np.abs(g := self.residual(Q)).max() > target:
-            Q = Q + g
+        """Q*, by value iteration until ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, hence ‖Q − Q*‖∞ ≤ tolerance.
+
+        It also ends where rounding keeps the residual from falling any further.
+        """
+        Q, last = np.zeros(self.r.shape), np.inf
+        while tolerance * (1 - self.gamma) < (size := np.abs(g := self.residual(Q)).max()) < last:
+            Q, last = Q + g, size
         return Q

@@ -160,3 +160,8 @@ def test_softmax_actions_are_drawn_from_the_policy(temperature):
     rng, weights = np.random.default_rng(0), np.exp(Q / temperature)
     draws = chi_square(lambda: softmax_sample(Q, temperature, rng), weights / weights.sum())
     assert draws < CHI_SQUARE_3_DOF
+
+
+def test_columns_among_columns_are_refused():
+    with pytest.raises(AssertionError, match="1"):
+        loss_gradient(np.ones((3, 1)), np.ones((3, 1)), np.zeros((3, 1), int), 2)

@@ -142,3 +142,7 @@ def test_what_is_frozen_stays_frozen():
     second += 1
     assert ensemble.staged_q(x)[0].tobytes() == before
     assert ensemble.theta.shape == (2, net.size) and ensemble.alpha.tolist() == [0.5, 2.0]
+
+
+def test_a_booster_that_is_no_number_gets_no_step():
+    assert np.isnan(closed_form_alpha(np.ones(2), np.array([np.nan, 1.0])))

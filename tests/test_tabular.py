@@ -96,3 +96,15 @@ BAD = {
 def test_what_is_no_mdp_is_refused(P, r, gamma, message):
     with pytest.raises(ValueError, match=message):
         MDP(P, r, gamma)
+
+
+@pytest.mark.parametrize(("gamma", "r"), [(0.99, 100.0), (0.999, 1.0), (0.999, 100.0)])
+def test_value_iteration_ends_where_rounding_keeps_it_going(gamma, r):
+    """Two states that alternate: errors of a few units in the last place rotate for ever."""
+    Q = MDP(np.eye(2)[[[1], [0]]], np.array([[r], [-r]]), gamma).q_star()
+    np.testing.assert_allclose(Q, [[r / (1 + gamma)], [-r / (1 + gamma)]], rtol=1e-9)
+
+
+def test_rewards_without_actions_are_refused():
+    with pytest.raises(ValueError, match="P must be"):
+        MDP(np.eye(2), np.ones(2), 0.5)
