@@ -1,4 +1,4 @@
-"""What GB-DQN is compared with, each in its smallest honest form. Nothing here learns yet but DQN, in dqn."""
+"""What GB-DQN is compared with beside DQN: the random policy."""
 
 
 class Random:

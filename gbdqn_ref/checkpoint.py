@@ -18,17 +18,7 @@ from . import UsageError
 FORMAT = 1
 REBUILT = {"config", "net"}  # what a new agent has already; names with an underscore are memos, made again when needed
 
-DAMAGED = (
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    OSError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+DAMAGED = (ValueError, LookupError, TypeError, AttributeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
 
 def write_atomically(path, write):

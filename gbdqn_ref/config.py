@@ -209,7 +209,7 @@ MOUNTAINCAR = dict(
         {"episode": 450, "reset": True},
     ],
 )
-CARTPOLE = dict(  # ours (D13), all of it: the paper mentions CartPole in its conclusion and does not show it
+CARTPOLE = dict(  # ours (D13), all but α: the paper mentions CartPole in its conclusion and does not show it
     episodes=600,
     alpha=0.1,  # paper (η_boost)
     lr=2e-4,  # DQN forgets CartPole as soon as it has learnt it: small steps, many of them, and a long memory help

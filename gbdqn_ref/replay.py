@@ -107,9 +107,9 @@ class SumTree:
 
     Each number of a level is the sum of FAN numbers below it (here FAN = 4; 16 in the code, for fewer levels):
 
-        levels[2]            36
+        total()              36
         levels[1]      10           26
-        levels[0]   1 2 3 4      5 6 7 8     u = 17 of 36: 17 ≥ 10, so the right child with 7 left: 5 ≤ 7 < 5 + 6
+        levels[0]   1 2 3 4      5 6 7 8     u = 17 of 36: 17 ≥ 10, so the right one with 7 left: 5 ≤ 7 < 5 + 6, leaf 5
     """
 
     FAN = 16

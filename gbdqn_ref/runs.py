@@ -74,10 +74,11 @@ def _locked(out):
         return
     descriptor = os.open(out, os.O_RDONLY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as e:
+            raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
         yield
-    except BlockingIOError as e:
-        raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
     finally:
         os.close(descriptor)
 

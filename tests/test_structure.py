@@ -2,6 +2,7 @@
 
 import ast
 import re
+import sys
 from pathlib import Path
 from statistics import median
 
@@ -53,8 +54,6 @@ def test_imports_go_against_the_reading_order_only(name):
 
 @pytest.mark.parametrize("name", sorted(STANDARD_ONLY))
 def test_the_learning_core_needs_numpy_alone(name):
-    import sys
-
     foreign = {module for module, local in imports(TREES[name]) if not local} - set(sys.stdlib_module_names)
     assert foreign <= {"numpy"}
 
