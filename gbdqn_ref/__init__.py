@@ -9,6 +9,8 @@ import os
 for _library in ("OPENBLAS", "OMP", "MKL"):  # 64 × 128 matrices are too small to share out: more threads, slower
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
+bytes(1 << 24)  # freed at once: from then on glibc keeps what is freed for reuse, instead of unmapping it each time
+
 __version__ = "0.1.0"
 
 

@@ -50,7 +50,7 @@ class DQN:
         self.steps += 1
 
     def learn(self):
-        """One update of θ and θ̄ from one batch; returns the batch's mean |δ|."""
+        """One update of θ and θ̄ from one batch; returns the batch's TD errors δ (B,)."""
         c = self.config
         batch = self.replay.sample(c.batch_size, self.rng)
         q_next, _ = self.net.forward(self.theta_target, batch.s2)
@@ -62,7 +62,7 @@ class DQN:
         self.adam.step(self.theta, grad)
         polyak(self.theta_target, self.theta, c.tau)  # at each update, not at each step (D9)
         self.replay.update_priorities(batch.index, delta)
-        return float(np.abs(delta).mean())
+        return delta
 
     def on_drift(self, event):
         """The physics have changed ("drift"), are the stock ones again ("reset"), or the run is over ("end").

@@ -59,7 +59,7 @@ class GBDQN(DQN):
         return self._seen_q
 
     def learn(self):
-        """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's mean |δ|."""
+        """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's TD errors δ (B,)."""
         c, factor = self.config, self.alpha if self.config.loss_on == "alpha_h" else 1.0
         batch = self.replay.sample(c.batch_size, self.rng)
         q_next = self.q_frozen_next[batch.index]  # Q̄_{m−1}(s', ·)
@@ -75,7 +75,7 @@ class GBDQN(DQN):
         polyak(self.theta_target, self.theta, c.tau)  # D9
         delta = residual - self.alpha * h if self.live else residual
         self.replay.update_priorities(batch.index, delta)
-        return float(np.abs(delta).mean())
+        return delta
 
     def on_drift(self, event):
         """Add a booster at a drift, none at a reset; fold a frozen one in when the run ends (Alg. 1, last line)."""

@@ -4,6 +4,7 @@ Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age
 slot = place in the ring. Everything per sample is (B,).
 """
 
+from math import expm1
 from typing import NamedTuple
 
 import numpy as np
@@ -105,20 +106,22 @@ class UniformReplay:
 class SumTree:
     """Non-negative numbers whose sum, and a draw in proportion to them, cost O(log N) instead of O(N).
 
-    Each number of a level is the sum of FAN numbers below it (here FAN = 4; 16 in the code, for fewer levels):
+    Each number of a level is the sum of FAN numbers below it; a level of at most TOP numbers is the last. Few levels
+    and wide ones, since NumPy's price is the number of calls (here FAN = TOP = 4; 32 and 2,048 in the code):
 
-        total()              36
         levels[1]      10           26
         levels[0]   1 2 3 4      5 6 7 8     u = 17 of 36: 17 ≥ 10, so the right one with 7 left: 5 ≤ 7 < 5 + 6, leaf 5
     """
 
-    FAN = 16
+    FAN, TOP = 32, 2048
 
     def __init__(self, size):
-        self.levels = [np.zeros(-(-size // self.FAN) * self.FAN)]
-        while len(self.levels[-1]) > self.FAN:
-            above = -(-len(self.levels[-1]) // self.FAN)
-            self.levels.append(np.zeros(-(-above // self.FAN) * self.FAN))
+        self.levels = [self._level(size)]
+        while len(self.levels[-1]) > self.TOP:
+            self.levels.append(self._level(len(self.levels[-1]) // self.FAN))
+
+    def _level(self, size):
+        return np.zeros(-(-size // self.FAN) * self.FAN)  # whole groups
 
     @property
     def leaves(self):
@@ -136,12 +139,17 @@ class SumTree:
 
     def find(self, u):
         """The leaf in which each u (B,) in [0, total) falls when the leaves are laid end to end; never an empty one."""
-        rows, index = np.arange(len(u)), np.zeros(len(u), np.int64)
-        edges = np.zeros((len(u), self.FAN + 1))  # where each child begins and ends; the first begins at 0
-        for level in reversed(self.levels):
+        *lower, top = self.levels
+        edges = np.zeros(len(top) + 1)  # where each number begins, and the last one ends
+        top.cumsum(out=edges[1:])
+        u = np.minimum(u, np.nextafter(edges[-1], 0))  # rounding must not carry u past the last leaf
+        index = (edges.searchsorted(u, "right") - 1) % len(top)  # where all are 0, the first
+        u = u - edges[index]
+        rows, edges = np.arange(len(u)), np.zeros((len(u), self.FAN + 1))
+        for level in reversed(lower):
             level.reshape(-1, self.FAN)[index].cumsum(-1, out=edges[:, 1:])
-            u = np.minimum(u, np.nextafter(edges[:, -1], 0))  # rounding must not carry u past the last leaf
-            child = (edges[:, 1:] <= u[:, None]).sum(-1) % self.FAN  # where all are 0, the first
+            u = np.minimum(u, np.nextafter(edges[:, -1], 0))
+            child = (edges[:, 1:] > u[:, None]).argmax(-1)  # the first that ends beyond u
             u = u - edges[rows, child]
             index = index * self.FAN + child
         return index
@@ -224,7 +232,7 @@ class RecencyReplay(ProportionalReplay):
         """S_time = Σ exp(−α age) over the N stored transitions."""
         if self.recency_rate == 0:
             return float(len(self))
-        return float(np.expm1(-self.recency_rate * len(self)) / np.expm1(-self.recency_rate))
+        return expm1(-self.recency_rate * len(self)) / expm1(-self.recency_rate)
 
     def td_share(self):
         """λ, the part of the draws that goes by TD error; 1 − λ goes by recency."""
@@ -239,7 +247,7 @@ class RecencyReplay(ProportionalReplay):
 
     def _age_at(self, u):
         n, rate = len(self), self.recency_rate
-        age = u * n if rate == 0 else -np.log1p(u * np.expm1(-rate * n)) / rate
+        age = u * n if rate == 0 else -np.log1p(u * expm1(-rate * n)) / rate
         return np.minimum(age.astype(np.int64), n - 1)
 
     def _priority(self, index):

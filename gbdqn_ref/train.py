@@ -52,7 +52,7 @@ def run(config, agent=None, first_episode=0):
             "length": length,
             "steps": agent.steps,
             "epsilon": agent.epsilon,
-            "td_error": float(np.mean(deltas)) if deltas else float("nan"),
+            "td_error": float(np.abs(deltas).mean()) if deltas else float("nan"),
         }
     agent.on_drift("end")
 

@@ -1,5 +1,6 @@
 """The three buffers against a Python list that does everything the slow way, and their draws against χ²."""
 
+import tracemalloc
 from math import exp
 
 import numpy as np
@@ -14,6 +15,15 @@ from gbdqn_ref.replay import ProportionalReplay, RecencyReplay, SumTree, Uniform
 D = 2
 RATES = [0.0, 1e-3, 0.5, 5.0]
 OFFSET = 0.1
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_trees():
+    """Trees that have several levels already at a few transitions."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SumTree, "FAN", 4)
+        patch.setattr(SumTree, "TOP", 8)
+        yield
 
 
 def transition(number):
@@ -203,7 +213,7 @@ def test_a_new_transition_enters_with_the_largest_priority_so_far():
         (lambda replay: replay.tree.leaves, 35, 1.0),  # which then may be drawn
         (lambda replay: replay.tree.leaves, 3, -1.0),
         (lambda replay: replay.tree.leaves, 3, 0.5),  # a leaf that its sum knows nothing of
-        (lambda replay: replay.tree.levels[1], 2, 1.0),  # a sum of nothing
+        (lambda replay: replay.tree.levels[1], 9, 1.0),  # a sum of nothing
     ],
 )
 def test_check_valid_finds_damage(array, place, value):
@@ -277,6 +287,31 @@ def test_the_tree_is_exact_in_whole_numbers(rng, size, largest):
     assert tree.total() == leaves.sum()
     u = np.arange(0, leaves.sum(), 0.5)
     assert tree.find(u).tolist() == leaves.cumsum().searchsorted(u, side="right").tolist()
+
+
+@pytest.mark.parametrize("size", [1, 2048, 2049, 65_536, 65_537, 100_000])
+def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
+    """Around the sizes at which it gets another level."""
+    monkeypatch.setattr(SumTree, "FAN", 32)
+    monkeypatch.setattr(SumTree, "TOP", 2048)
+    tree, leaves = SumTree(size), np.random.default_rng(size).integers(1, 4, size)
+    tree.set(np.arange(size), leaves)
+    u = np.linspace(0, leaves.sum(), 500, endpoint=False)
+    assert tree.find(u).tolist() == leaves.cumsum().searchsorted(u, side="right").tolist()
+    assert len(tree.levels) == 1 + (size > 2048) + (size > 65_536)
+
+
+@kinds
+def test_adding_a_transition_allocates_nothing(kind, options):
+    """Beyond the few hundred bytes of a view and a scalar, whatever the size of a transition and of the buffer."""
+    replay, s = kind(5_000, 4_096, **options), np.ones(4_096, np.float32)
+    replay.add(s, 0, 1.0, s, False)
+    tracemalloc.start()
+    for _ in range(100):
+        replay.add(s, 0, 1.0, s, False)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2_000
 
 
 def test_no_error_builds_up_in_the_tree():
