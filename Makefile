@@ -1,4 +1,4 @@
-# `make train` and `make test` need only Python ≥ 3.11, pip and make; each sets up .venv once.
+# `make train`, `make test` and `make bench` need only Python ≥ 3.11, pip and make; each sets up .venv once.
 PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
@@ -6,7 +6,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test clean
+.PHONY: train test bench clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
@@ -15,6 +15,9 @@ test: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m pytest
+
+bench: .venv/train
+	$(BIN)/python -m gbdqn_ref bench --out runs/bench.png
 
 .venv/train: pyproject.toml
 	$(PYTHON) -m venv .venv

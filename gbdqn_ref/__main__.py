@@ -1,4 +1,4 @@
-"""The command line: python -m gbdqn_ref train | compare."""
+"""The command line: python -m gbdqn_ref train | compare | bench."""
 
 import argparse
 import json
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from reprlib import repr as short
 
-from . import UsageError, plots, runs
+from . import UsageError, bench, peers, plots, runs
 from .config import Config
 
 RANDOM = "random policy, stock physics"
@@ -49,6 +49,10 @@ def _parser():
     compare.add_argument("--agents", default="gbdqn,dqn", help="default gbdqn,dqn")
     compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
     compare.set_defaults(command=_compare)
+    costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
+    costs.add_argument("--out", default="runs/bench.png", help="the picture; default runs/bench.png")
+    costs.add_argument("--tiny", action="store_true", help="a few seconds, only to see that it runs")
+    costs.set_defaults(command=_bench)
     return parser
 
 
@@ -102,6 +106,29 @@ def _compare(args):
     plots.learning_curves(records, config, summaries[config.agent]["random_return"], out / "comparison.png")
     _print_table(summaries, config)
     print(f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train anew)")
+
+
+def _bench(args):
+    path = Path(args.out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder; --out is the file that takes the picture, like {path / 'bench.png'}")
+    if not peers.installed():
+        print("no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]' adds both")
+    scale, tables = bench.TINY if args.tiny else bench.Scale(), {}
+    for title, columns, rows in bench.sections(scale):
+        tables[title] = rows
+        widths = [max(10, len(column) + 2) for column in columns]
+        print(f"\n{title}\n" + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True)))
+        for label, numbers in rows.items():
+            print("".join(f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)), "", label)
+    plots.costs(*bench.curves(scale, tables), path)
+    print(f"\nthe picture: {path}")
+
+
+def _decimals(x):
+    """How many decimals make three digits."""
+    return max(0, 2 - int(max(1, x) >= 10) - int(x >= 100))
 
 
 def _print_table(summaries, config):

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import UsageError
 
-FORMAT = 2
+FORMAT = 1
 REBUILT = {"config", "net"}  # what a new agent has already; names with an underscore are memos, made again when needed
 
 DAMAGED = (ValueError, LookupError, TypeError, AttributeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)

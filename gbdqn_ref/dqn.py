@@ -26,7 +26,7 @@ class DQN:
 
     def q(self, s):
         """Q(s, ·): (…, d) → (…, A)."""
-        return self.net.forward(self.theta, s[None])[0][0]
+        return self.net.forward(self.theta, s)[0]
 
     @property
     def epsilon(self):

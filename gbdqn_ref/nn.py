@@ -30,9 +30,9 @@ class MLP:
         self.widths = tuple(int(width) for width in widths)
         if len(self.widths) < 2 or min(self.widths) < 1:
             raise ValueError(f"widths must be two or more positive integers (inputs, hidden …, outputs), not {widths}")
-        self.shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
-        ends = [0, *accumulate(rows * columns for rows, columns in self.shapes)]
-        self.blocks = [slice(start, end) for start, end in pairwise(ends)]  # where each V_l is in θ
+        shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
+        ends = [0, *accumulate(rows * columns for rows, columns in shapes)]
+        self.blocks = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes, strict=True)]  # V_l in θ
         self.size = ends[-1]
 
     def init(self, rng, k=None, zero_output=False):
@@ -41,8 +41,8 @@ class MLP:
         zero_output makes the last layer 0, hence the network the zero function (but its gradient is not zero).
         """
         theta = np.empty(self.size if k is None else (k, self.size), np.float32)
-        for V, (rows, _) in zip(self.layers(theta), self.shapes, strict=True):
-            V[...] = rng.uniform(-1, 1, V.shape) / np.sqrt(rows - 1)
+        for V, n_in in zip(self.layers(theta), self.widths, strict=False):
+            V[...] = rng.uniform(-1, 1, V.shape) / np.sqrt(n_in)
         if zero_output:
             self.layers(theta)[-1][...] = 0
         return theta
@@ -50,7 +50,7 @@ class MLP:
     def layers(self, theta):
         """The blocks V_l (…, n_in + 1, n_out) of θ (…, P), as views."""
         lead = theta.shape[:-1]
-        return [theta[..., block].reshape(lead + shape) for block, shape in zip(self.blocks, self.shapes, strict=True)]
+        return [theta[..., span].reshape(lead + shape) for span, shape in self.blocks]
 
     def unpack(self, theta):
         """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views: writing to them writes to θ."""

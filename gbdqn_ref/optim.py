@@ -2,15 +2,11 @@
 
 import numpy as np
 
-TINY = 1e-30  # below this Adam's sums count as 0: on their way there they would become denormal, which is slow
+TINY = 1e-30  # below this Adam's moments count as 0: on their way there they would become denormal, which is slow
 
 
 class Adam:
-    """Adam (Kingma & Ba 2015, Algorithm 1): θ ← θ − lr · m̂ / (√v̂ + eps).
-
-    m̂ and v̂ are weighted means of g and of g² over the t steps so far, β₁ᵏ and β₂ᵏ being the weights k steps back:
-    m̂ = Σ β₁ᵏ g / Σ β₁ᵏ. Kept are the sums above; those below are (1 − βᵗ)/(1 − β). (The authors keep (1 − β) times
-    the sums, and call the division by 1 − βᵗ a bias correction.)
+    """Adam (Kingma & Ba 2015, Algorithm 1): θ ← θ − lr · m̂ / (√v̂ + eps), with m̂ = m/(1 − β₁ᵗ), v̂ = v/(1 − β₂ᵗ).
 
     The first step moves every coordinate by lr against the sign of its gradient:
 
@@ -22,24 +18,23 @@ class Adam:
 
     def __init__(self, size, lr, betas=(0.9, 0.999), eps=1e-8):
         self.lr, self.betas, self.eps = lr, betas, eps
-        self.m, self.v = np.zeros(size, np.float32), np.zeros(size, np.float32)  # Σ β₁ᵏ g, Σ β₂ᵏ g²
+        self.m, self.v = np.zeros(size, np.float32), np.zeros(size, np.float32)  # E[g], E[g²]
         self.t = 0
 
     def step(self, theta, grad):
-        """Update θ in place; θ and grad have the shape given as size. The sums take on θ's precision."""
+        """Update θ in place; θ and grad have the shape given as size. The moments take on θ's precision."""
         beta1, beta2 = self.betas
-        self.m, self.v = (total.astype(theta.dtype, copy=False) for total in (self.m, self.v))
+        self.m, self.v = (moment.astype(theta.dtype, copy=False) for moment in (self.m, self.v))
         self.t += 1
         self.m *= beta1
-        self.m += grad
+        self.m += (1 - beta1) * grad
         self.v *= beta2
-        self.v += grad**2
-        n1, n2 = (1 - beta1**self.t) / (1 - beta1), (1 - beta2**self.t) / (1 - beta2)
-        k = n2**0.5  # √v̂ = √v / k: k goes to the scalars, which spares a pass over θ
-        theta -= self.lr * k / n1 * self.m / (np.sqrt(self.v) + self.eps * k)
+        self.v += (1 - beta2) * grad**2
+        correction1, correction2 = 1 - beta1**self.t, 1 - beta2**self.t
+        theta -= self.lr / correction1 * self.m / (np.sqrt(self.v / correction2) + self.eps)
         if self.t % 100 == 0:
-            for total in (self.m, self.v):
-                total[np.abs(total) < TINY] = 0
+            for moment in (self.m, self.v):
+                moment[np.abs(moment) < TINY] = 0
 
 
 def clip_by_norm(grad, max_norm):

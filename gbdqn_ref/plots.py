@@ -10,9 +10,28 @@ from . import drift, stats
 from .checkpoint import write_atomically
 
 NAMES = {"gbdqn": "GB-DQN", "dqn": "DQN", "cartpole": "CartPole", "mountaincar": "MountainCar", "acrobot": "Acrobot"}
-COLOURS = {"gbdqn": "#0072B2", "dqn": "#D55E00"}  # Okabe & Ito: told apart by every eye, and in grey
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73")  # colours that every eye tells apart, and in grey too
+COLOURS = {"gbdqn": OKABE_ITO[0], "dqn": OKABE_ITO[1]}
 MARKS = {"gbdqn": "o", "dqn": "^"}
 SMOOTHING = 15
+
+
+def costs(replay, boosters, path):
+    """How cost grows with the buffer, {sampler: (N, µs)}, and with boosters, {what: (m, ratio to none)}."""
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    for axes, lines in ((left, replay), (right, boosters)):
+        for (name, (x, y)), colour, mark in zip(lines.items(), OKABE_ITO, "o^s", strict=False):
+            axes.plot(x, y, color=colour, marker=mark, label=name)
+        axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
+        axes.legend(frameon=False, loc="upper left")
+        axes.spines[["top", "right"]].set_visible(False)
+    left.set(xscale="log", xlabel="transitions in the buffer", ylabel="µs")
+    left.set_title("drawing 64 and updating their priorities", loc="left")
+    right.set(xlabel="frozen boosters", ylabel="time, as a multiple of that without any")
+    right.set_title("GB-DQN on Acrobot", loc="left")
+    _save(figure, path)
 
 
 def learning_curves(runs, config, random_return, path):
@@ -32,6 +51,10 @@ def learning_curves(runs, config, random_return, path):
     axes.set_title(title, loc="left", pad=34)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
+    _save(figure, path)
+
+
+def _save(figure, path):
     picture = io.BytesIO()
     figure.savefig(picture, dpi=120, format="png")
     write_atomically(path, lambda file: file.write(picture.getvalue()))

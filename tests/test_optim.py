@@ -52,7 +52,7 @@ def test_adam_works_in_place_and_leaves_the_gradient_alone():
     assert (grad == 1).all()
 
 
-def test_adams_sums_never_become_denormal_and_where_nothing_pulls_nothing_moves():
+def test_adams_moments_never_become_denormal_and_where_nothing_pulls_nothing_moves():
     theta, adam = np.array([1, 1, -1, 1], np.float32), Adam(4, lr=1e-3)
     for g in ([1, -1, 1e-3, 0], [-1, -1, 1e-9, 0]):
         adam.step(theta, np.array(g, np.float32))
@@ -60,8 +60,8 @@ def test_adams_sums_never_become_denormal_and_where_nothing_pulls_nothing_moves(
         if step == 1500:
             late = theta.copy()
         adam.step(theta, np.zeros(4, np.float32))
-        for total in (adam.m, adam.v):
-            assert (np.abs(total[total != 0]) > np.finfo(np.float32).tiny).all()
+        for moment in (adam.m, adam.v):
+            assert (np.abs(moment[moment != 0]) > np.finfo(np.float32).tiny).all()
     assert not adam.m.any() and adam.v[:2].all()
     assert theta.tobytes() == late.tobytes() and theta[3] == 1
 
