@@ -1,0 +1,96 @@
+"""The ledger: which check decides which claim of the paper, and how. `--ledger` writes it into README.md."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+README = Path(__file__).with_name("README.md")
+BEGIN, END = "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->", "<!-- end of ledger -->"
+GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X")  # in the order of the paper
+HEADER = "| | claim | place | verdict | what decides it | functions | check |\n|---|---|---|---|---|---|---|\n"
+FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "check")
+NOT_CHECKABLE = ()  # (id, claim, place, reason)
+current = None  # the test that runs, set by conftest
+
+
+def claim(id, place, says, verdict, uses):
+    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions it is decided with.
+
+    verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its place:
+    theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls shows() with the figure that
+    decides the claim.
+    """
+    assert re.match(r"holds$|holds if |fails: |ambiguous: ", verdict), verdict
+    marks = [pytest.mark.claim(id=id, place=place, says=says, verdict=verdict, uses=uses)]
+    marks += [getattr(pytest.mark, name) for name in markers(place)]
+
+    def decorate(test):
+        for mark in marks:
+            test = mark(test)
+        return test
+
+    return decorate
+
+
+def shows(figure):
+    """Take down the figure that decides the claim of the running test; the ledger in README.md must have the same."""
+    check = f"`{current.path.name}` {current.originalname.removeprefix('test_')}"
+    row = current.get_closest_marker("claim").kwargs | {"figure": figure, "check": check}
+    if ("claim", row) not in current.user_properties:
+        current.user_properties.append(("claim", row))
+    if not current.config.getoption("--ledger"):
+        assert committed().get(row["id"]) == row, "README.md has another row for this claim; write it with --ledger"
+
+
+def control(*ids):
+    """Mark a test as the negative control of claims: with one term or assumption taken away, the outcome differs."""
+    return pytest.mark.control(*ids)
+
+
+def markers(place):
+    """The pytest markers of a place in the paper.
+
+    >>> markers("Theorem 1, Eqs. 7–8")
+    ['theorem1', 'eq7', 'eq8']
+    """
+    names = [f"{word.lower()}{number}" for word, number in re.findall(r"(Theorem|Algorithm) (\d)", place)]
+    for first, last in re.findall(r"Eqs?\. (\d+)(?:–(\d+))?", place):
+        names += [f"eq{number}" for number in range(int(first), int(last or first) + 1)]
+    return names
+
+
+def position(id):
+    """Where a claim stands in the ledger: ("T1-b" is the second of group T1).
+
+    >>> sorted(["T1-b", "M10", "X1", "M9", "T1-a"], key=position)
+    ['M9', 'M10', 'T1-a', 'T1-b', 'X1']
+    """
+    group, number = re.fullmatch(r"(T\d|[A-Z])-?(\w+)", id).groups()
+    return GROUPS.index(group), int(number) if number.isdigit() else ord(number)
+
+
+def table(rows):
+    """The ledger as a Markdown table, from dicts with FIELDS."""
+    lines = ["| " + " | ".join(row[field].replace("|", "\\|") for field in FIELDS) + " |\n" for row in rows]
+    missing = [f"| {id} | {says} | {place} | not checkable: {why} | | | |\n" for id, says, place, why in NOT_CHECKABLE]
+    return HEADER + "".join(sorted(lines + missing, key=lambda line: position(line.split(" | ")[0][2:])))
+
+
+def committed():
+    """{id: row} of the ledger that README.md carries."""
+    block = README.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
+    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in block.strip().splitlines()[2:]]
+    rows = [[cell.strip().replace("\\|", "|") for cell in row] for row in cells]
+    return {row[0]: dict(zip(FIELDS, row, strict=True)) for row in rows}
+
+
+def write(path, rows):
+    """Write the table to a file, or into its place in README.md, and the rows to ledger.json beside it."""
+    path, text = Path(path), table(rows)
+    if path.exists() and BEGIN in (page := path.read_text(encoding="utf-8")):
+        text = page.split(BEGIN)[0] + BEGIN + "\n\n" + text + "\n" + END + page.split(END)[1]
+    path.write_text(text, encoding="utf-8")
+    content = json.dumps(sorted(rows, key=lambda row: position(row["id"])), indent=1, ensure_ascii=False)
+    path.with_name("ledger.json").write_text(content + "\n", encoding="utf-8")

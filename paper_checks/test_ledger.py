@@ -1,0 +1,64 @@
+"""The ledger itself: every claim has one check and a negative control, and names only what exists."""
+
+import ast
+import importlib
+from pathlib import Path
+
+import ledger
+import pytest
+
+FILES = sorted(Path(__file__).parent.glob("test_*.py"))
+ROWS = ledger.committed()
+
+
+def decorators(name):
+    """(file, function, arguments) of every decorator of this name in the checks."""
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for call in getattr(node, "decorator_list", []):
+                if isinstance(call, ast.Call) and getattr(call.func, "id", "") == name:
+                    arguments = call.args + [keyword.value for keyword in call.keywords]
+                    yield path.name, node.name, [ast.literal_eval(argument) for argument in arguments]
+
+
+CLAIMS, CONTROLS = list(decorators("claim")), list(decorators("control"))
+
+
+def test_the_committed_ledger_has_the_claims_of_the_checks_and_no_others():
+    ids = [arguments[0] for _, _, arguments in CLAIMS] + [row[0] for row in ledger.NOT_CHECKABLE]
+    assert sorted(ids) == sorted(ROWS)
+
+
+def test_every_claim_has_a_negative_control():
+    controlled = {id for _, _, ids in CONTROLS for id in ids}
+    assert {arguments[0] for _, _, arguments in CLAIMS} == controlled
+
+
+@pytest.mark.parametrize("id", ROWS)
+def test_every_function_and_check_that_is_named_exists(id):
+    row = ROWS[id]
+    if row["verdict"].startswith("not checkable: "):
+        return
+    for name in row["uses"].replace("`", "").split(", "):
+        module, _, path = name.partition(".")
+        thing = importlib.import_module(f"gbdqn_ref.{module}")
+        for part in path.split("."):
+            thing = getattr(thing, part)
+    file, _, test = row["check"].replace("`", "").partition(" ")
+    assert (file, f"test_{test}") in {(path, function) for path, function, _ in CLAIMS}
+
+
+def test_the_places_give_the_markers():
+    assert ledger.markers("Theorem 3 and Eqs. 10–11") == ["theorem3", "eq10", "eq11"]
+    assert ledger.markers("Algorithm 1, line 17") == ["algorithm1"]
+
+
+def test_a_row_survives_being_written_and_read(tmp_path, monkeypatch):
+    row = dict.fromkeys(ledger.FIELDS, "x") | {"id": "M1", "figure": "|1 − α| ≤ 1"}
+    page = tmp_path / "README.md"
+    page.write_text(f"before\n{ledger.BEGIN}\nold\n{ledger.END}\nafter\n")
+    ledger.write(page, [row])
+    monkeypatch.setattr(ledger, "README", page)
+    monkeypatch.setattr(ledger, "NOT_CHECKABLE", ())
+    assert ledger.committed() == {"M1": row}
+    assert page.read_text().startswith("before\n") and page.read_text().endswith("\nafter\n")
