@@ -46,7 +46,7 @@ def _parser():
     train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
     train.set_defaults(command=_train)
     compare = commands.add_parser("compare", parents=[common], help="train several agents and compare them")
-    compare.add_argument("--agents", default="gbdqn,dqn", help="agents, as for train, with commas between; default gbdqn,dqn")
+    compare.add_argument("--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn")
     compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
     compare.set_defaults(command=_compare)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
