@@ -7,7 +7,7 @@ from pathlib import Path
 from reprlib import repr as short
 
 from . import UsageError, bench, peers, plots, runs
-from .config import Config
+from .config import CHOICES, Config
 
 RANDOM = "random policy, stock physics"
 
@@ -41,12 +41,12 @@ def _parser():
     common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable")
     common.add_argument("--quiet", action="store_true", help="no progress bar")
     train = commands.add_parser("train", parents=[common], help="train one agent into a folder")
-    train.add_argument("--agent", help="gbdqn (default) or dqn")
+    train.add_argument("--agent", help=f"gbdqn (default), {', '.join(CHOICES['agent'][1:])}")
     train.add_argument("--out", help="folder; default runs/ENV-AGENT-SEED")
     train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
     train.set_defaults(command=_train)
     compare = commands.add_parser("compare", parents=[common], help="train several agents and compare them")
-    compare.add_argument("--agents", default="gbdqn,dqn", help="default gbdqn,dqn")
+    compare.add_argument("--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn")
     compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
     compare.set_defaults(command=_compare)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
@@ -138,14 +138,14 @@ def _print_table(summaries, config):
     tables = [summary["regimes"] for summary in summaries.values()]
     labels = [_label(row, config) for row in tables[0]]
     width = max(len(label) for label in (*labels, RANDOM)) + 1
-    print(f"\n{'regime':{width}}" + "".join(f"{name:>11}{'drop':>7}{'recovery':>10}" for name in names))
+    print(f"\n{'regime':{width}}" + "".join(f"{name:>14}{'drop':>7}{'recovery':>10}" for name in names))
     for label, *rows in zip(labels, *tables, strict=True):
-        cells = [f"{row['mean_return']:11.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
+        cells = [f"{row['mean_return']:14.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
         print(f"{label:{width}}" + "".join(cells))
-    final = "".join(f"{summary['final_return']:11.1f}{'':17}" for summary in summaries.values())
+    final = "".join(f"{summary['final_return']:14.1f}{'':17}" for summary in summaries.values())
     print(f"{'final (last 50 episodes)':{width}}{final.rstrip()}")
     level = next(iter(summaries.values()))["random_return"]
-    print(f"{RANDOM:{width}}{level:11.1f}")
+    print(f"{RANDOM:{width}}{level:14.1f}")
     for agent, summary in summaries.items():
         if "recency_share_of_replay" in summary:
             print(

@@ -26,14 +26,16 @@ def weighted_loss(error, weight):
 
 
 def loss_gradient(error, weight, a, n_actions):
-    """∂L/∂q (B, A) of weighted_loss when e_i = y_i − q_{i, a_i}: −w_i e_i / B at the action taken, 0 elsewhere.
+    """∂L/∂q (…, B, A) of weighted_loss when e_i = y_i − q_{i, a_i}: −w_i e_i / B at the action taken, 0 elsewhere.
+
+    a has shape (B,), error and weight (…, B): members of a stack may err and weigh differently.
 
     >>> loss_gradient(np.array([2.0, -1.0]), np.array([0.5, 1.0]), np.array([1, 0]), 2).tolist()
     [[0.0, -0.5], [0.5, 0.0]]
     """
-    assert error.shape == weight.shape == a.shape == (len(a),), (error.shape, weight.shape, a.shape)
-    dq = np.zeros((len(a), n_actions), error.dtype)
-    dq[np.arange(len(a)), a] = -weight * error / len(a)
+    assert error.shape == weight.shape and error.shape[-1:] == a.shape, (error.shape, weight.shape, a.shape)
+    dq = np.zeros((*error.shape, n_actions), error.dtype)
+    dq[..., np.arange(len(a)), a] = -weight * error / len(a)
     return dq
 
 

@@ -28,7 +28,7 @@ class Config:
     env: str = "cartpole"
     """What is learnt: cartpole, mountaincar or acrobot."""
     agent: str = "gbdqn"
-    """Who learns: gbdqn or dqn."""
+    """gbdqn, a baseline (dqn, ensemble, reset, sliding) or a control (frozen, random, dqn-recency, gbdqn-per)."""
     seed: int = 0
     """Seed of the agent's generator; with the episode's number it also seeds each reset, so agents are paired."""
     episodes: int = 600
@@ -69,7 +69,7 @@ class Config:
     capacity: int = 50_000
     """Transitions that the replay buffer holds."""
     replay: str | None = None
-    """uniform, proportional or recency; None is the paper's choice: recency for gbdqn, proportional for the others."""
+    """uniform, proportional or recency; None is the agent's own: recency for gbdqn, dqn-recency, proportional else."""
     priority_offset: float = 0.01
     """ε in p^TD = (|δ| + ε)^γ."""
     priority_exponent: float = 0.6
@@ -92,6 +92,13 @@ class Config:
     zero_output: bool = True
     """gbdqn's new boosters start as the zero function, so that adding one changes no action (D11)."""
 
+    members: int = 5
+    """ensemble's networks (D19)."""
+    bootstrap: float = 1.0
+    """Probability that one of ensemble's networks sees a transition; 1, as in the paper: all see all (D18)."""
+    window: int = 5_000
+    """Transitions that sliding's replay buffer holds, in place of capacity."""
+
     def __post_init__(self):
         for field in fields(self):
             name, value, kinds = field.name, getattr(self, field.name), get_args(field.type) or (field.type,)
@@ -109,7 +116,7 @@ class Config:
                 raise UsageError(f"{name} must be {what}, not {short(value)}")
             object.__setattr__(self, name, value)
         if self.replay is None:
-            object.__setattr__(self, "replay", "recency" if self.agent == "gbdqn" else "proportional")
+            object.__setattr__(self, "replay", "recency" if self.agent in RECENCY else "proportional")
         check_schedule(self.env, self.schedule)
         object.__setattr__(self, "schedule", [dict(entry) for entry in self.schedule])
 
@@ -142,10 +149,11 @@ class Config:
         return json.loads(json.dumps(asdict(self)))
 
 
+RECENCY = ("gbdqn", "dqn-recency")  # the agents whose own replay is GB-DQN's
 KINDS = {int: "a whole number", float: "a number", str: "a word", bool: "true or false", tuple: "a list"}
 CHOICES = {
     "env": tuple(ENVIRONMENTS),
-    "agent": ("gbdqn", "dqn"),
+    "agent": ("gbdqn", "dqn", "ensemble", "reset", "sliding", "frozen", "random", "dqn-recency", "gbdqn-per"),
     "behaviour": ("epsilon-greedy", "softmax"),
     "replay": (None, "uniform", "proportional", "recency"),
     "normalise": ("batch", None),
@@ -164,10 +172,12 @@ RULES = {
         lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
     ),
     "alpha": ('a positive number or "closed-form"', lambda a: a == "closed-form" or (is_number(a) and a > 0)),
+    "members": ("a whole number from 1 to 100", lambda k: 1 <= k <= 100),
+    "bootstrap": ("above 0 and at most 1", lambda p: 0 < p <= 1),
     "recency_rate": NOT_NEGATIVE,
     "priority_exponent": NOT_NEGATIVE,
     **dict.fromkeys(("episodes", "batch_size", "learning_starts", "update_every", "gradient_steps"), COUNT),
-    **dict.fromkeys(("epsilon_decay_steps", "capacity"), COUNT),
+    **dict.fromkeys(("epsilon_decay_steps", "capacity", "window"), COUNT),
     **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), FRACTION),
     **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), POSITIVE),
 }
@@ -179,6 +189,7 @@ ACROBOT = dict(
     lr=1e-3,  # paper
     max_grad_norm=10.0,  # paper
     capacity=50_000,  # paper
+    window=5_000,  # paper
     batch_size=64,  # paper
     learning_starts=1_000,  # paper
     update_every=4,  # paper

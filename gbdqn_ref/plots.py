@@ -9,10 +9,36 @@ from matplotlib.figure import Figure
 from . import drift, stats
 from .checkpoint import write_atomically
 
-NAMES = {"gbdqn": "GB-DQN", "dqn": "DQN", "cartpole": "CartPole", "mountaincar": "MountainCar", "acrobot": "Acrobot"}
-OKABE_ITO = ("#0072B2", "#D55E00", "#009E73")  # colours that every eye tells apart, and in grey too
-COLOURS = {"gbdqn": OKABE_ITO[0], "dqn": OKABE_ITO[1]}
-MARKS = {"gbdqn": "o", "dqn": "^"}
+NAMES = {
+    "gbdqn": "GB-DQN",
+    "dqn": "DQN",
+    "ensemble": "Ensemble-DQN",
+    "reset": "Reset-DQN",
+    "sliding": "Sliding-DQN",
+    "frozen": "Frozen DQN",
+    "random": "Random",
+    "dqn-recency": "DQN-recency",
+    "gbdqn-per": "GB-DQN-PER",
+    "cartpole": "CartPole",
+    "mountaincar": "MountainCar",
+    "acrobot": "Acrobot",
+}
+# Okabe and Ito's colours, that every eye tells apart: blue, vermillion, green, purple, orange, sky blue, black
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = {
+    "gbdqn": OKABE_ITO[0],
+    "dqn": OKABE_ITO[1],
+    "ensemble": OKABE_ITO[2],
+    "reset": OKABE_ITO[3],
+    "sliding": OKABE_ITO[4],
+    "frozen": OKABE_ITO[5],
+    "random": OKABE_ITO[6],
+    "dqn-recency": OKABE_ITO[1],  # the same agent with another replay: the same colour, dashed
+    "gbdqn-per": OKABE_ITO[0],
+}
+MARKS = {"gbdqn": "o", "dqn": "^", "ensemble": "s", "reset": "v", "sliding": "D", "frozen": "P", "random": "X"}
+MARKS |= {"dqn-recency": "<", "gbdqn-per": ">"}
+LINES = {"dqn-recency": "--", "gbdqn-per": "--"}
 SMOOTHING = 15
 
 
@@ -43,7 +69,8 @@ def learning_curves(runs, config, random_return, path):
         episode, returns = np.array([(record["episode"], record["return"]) for record in records]).T
         axes.plot(episode, returns, MARKS[agent], color=COLOURS[agent], markersize=3, alpha=0.35, markeredgewidth=0)
         smooth = stats.trailing_mean(returns, SMOOTHING)
-        axes.plot(episode[SMOOTHING - 1 :], smooth, color=COLOURS[agent], linewidth=2.2, label=NAMES[agent])
+        look = dict(color=COLOURS[agent], linestyle=LINES.get(agent, "-"), linewidth=2.2)
+        axes.plot(episode[SMOOTHING - 1 :], smooth, **look, label=NAMES[agent])
     axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
     _mark_regimes(axes, config)
     axes.set(xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})")

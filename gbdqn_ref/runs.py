@@ -22,7 +22,6 @@ import numpy as np
 from tqdm import tqdm
 
 from . import UsageError, __version__, checkpoint, drift, plots, stats
-from .baselines import Random
 from .checkpoint import write_atomically
 from .config import Config
 from .replay import RecencyReplay
@@ -129,9 +128,8 @@ def summarise(config, agent, records):
 
 def random_return(config, episodes=20):
     """Mean return of the random policy in the stock physics: the zero of the level scale."""
-    env = drift.make(config.env)
-    agent = Random(int(env.action_space.n), np.random.default_rng(0))
-    return float(evaluate(agent, env, episodes, seed=0).mean())
+    agent = make_agent(Config(env=config.env, agent="random"))
+    return float(evaluate(agent, drift.make(config.env), episodes, seed=0).mean())
 
 
 def _start(config, out):

@@ -1,15 +1,29 @@
-"""The training loop, as a generator of episodes. The algorithms are in dqn and gbdqn; this is the part all share."""
+"""The training loop, as a generator of episodes. The algorithms are in dqn, gbdqn and baselines.
+
+This is the part that all share.
+"""
 
 import numpy as np
 
 from . import drift
+from .baselines import EnsembleDQN, FrozenDQN, Random, ResetDQN, sliding_dqn
 from .config import Config
 from .dqn import DQN
 from .gbdqn import GBDQN
 
 __all__ = ["Config", "evaluate", "make_agent", "run"]
 
-AGENTS = {"dqn": DQN, "gbdqn": GBDQN}
+AGENTS = {
+    "gbdqn": GBDQN,
+    "dqn": DQN,
+    "ensemble": EnsembleDQN,
+    "reset": ResetDQN,
+    "sliding": sliding_dqn,
+    "frozen": FrozenDQN,
+    "random": Random,
+    "dqn-recency": DQN,
+    "gbdqn-per": GBDQN,
+}
 
 
 def make_agent(config):

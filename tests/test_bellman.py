@@ -50,6 +50,11 @@ def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-10)
 
 
+def test_each_member_of_a_stack_has_a_gradient_of_its_own():
+    error, weight, a = np.array([[1.0, -2.0], [3.0, 4.0]]), np.array([[0.5, 1.0], [0.0, 1.0]]), np.array([1, 0])
+    assert loss_gradient(error, weight, a, 2).tolist() == [[[0, -0.25], [1, 0]], [[0, 0], [-2, 0]]]
+
+
 def test_the_loss_by_hand():
     assert weighted_loss(np.array([2.0, -4.0]), np.array([1.0, 0.5])) == 3.0  # (½ · 1 · 4 + ½ · ½ · 16) / 2
 
@@ -74,6 +79,7 @@ COLUMN, ROW, ACTIONS = np.ones((3, 1)), np.ones(3), np.zeros(3, int)
         lambda: loss_gradient(COLUMN, ROW, ACTIONS, 2),
         lambda: loss_gradient(ROW, COLUMN, ACTIONS, 2),
         lambda: loss_gradient(ROW, ROW, ACTIONS[:, None], 2),
+        lambda: loss_gradient(COLUMN, COLUMN, ACTIONS, 2),
         lambda: td_target(COLUMN, ROW > 0, np.ones((3, 2)), 0.9),
         lambda: td_target(ROW, COLUMN > 0, np.ones((3, 2)), 0.9),
         lambda: td_target(ROW, ROW > 0, np.ones((1, 2)), 0.9),

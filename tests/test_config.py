@@ -14,13 +14,14 @@ from hypothesis import strategies as st
 from gbdqn_ref import UsageError, config
 from gbdqn_ref.config import PRESETS, Config
 from gbdqn_ref.drift import ENVIRONMENTS
+from gbdqn_ref.train import AGENTS
 
 FLOATS = [field.name for field in fields(Config) if field.type is float]
 ALL_PRESETS = [(name, env) for name in ("paper", "fast") for env in ENVIRONMENTS]
 configs = st.builds(
     Config,
     env=st.sampled_from(sorted(ENVIRONMENTS)),
-    agent=st.sampled_from(["gbdqn", "dqn"]),
+    agent=st.sampled_from(sorted(AGENTS)),
     seed=st.integers(0, 2**40),
     episodes=st.integers(1, 1000),
     schedule=st.just([{"episode": 3, "gravity": 1.5}, {"episode": 9, "reset": True}]),
@@ -46,7 +47,7 @@ def test_a_config_survives_json(a_config):
 
 
 @pytest.mark.parametrize(("name", "env"), ALL_PRESETS)
-@pytest.mark.parametrize("agent", ["gbdqn", "dqn"])
+@pytest.mark.parametrize("agent", AGENTS)
 def test_there_is_a_preset_for_every_environment(name, env, agent):
     preset = Config.preset(env, name, agent=agent, seed=3)
     assert (preset.env, preset.agent, preset.seed) == (env, agent, 3)
@@ -57,7 +58,7 @@ def test_there_is_a_preset_for_every_environment(name, env, agent):
 def test_the_acrobot_preset_has_the_papers_values():
     preset = Config.preset("acrobot")
     paper = dict(
-        episodes=600, hidden=(128, 128), lr=1e-3, max_grad_norm=10.0, capacity=50_000, batch_size=64,
+        episodes=600, hidden=(128, 128), lr=1e-3, max_grad_norm=10.0, capacity=50_000, window=5_000, batch_size=64,
         learning_starts=1000, update_every=4, tau=0.01, epsilon_start=1.0, epsilon_end=0.05,
         epsilon_decay_steps=20_000, gamma=0.99, alpha=0.1,
     )  # fmt: skip
@@ -80,9 +81,9 @@ def test_given_values_take_precedence_over_a_preset():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("agent", "replay"), [("gbdqn", "recency"), ("dqn", "proportional")])
-def test_each_agent_has_its_replay_by_default_and_any_other_on_request(agent, replay):
-    assert Config(agent=agent).replay == replay
+@pytest.mark.parametrize("agent", AGENTS)
+def test_each_agent_has_its_replay_by_default_and_any_other_on_request(agent):
+    assert Config(agent=agent).replay == ("recency" if agent in ("gbdqn", "dqn-recency") else "proportional")
     assert Config(agent=agent, replay="uniform").replay == "uniform"
 
 
@@ -139,11 +140,13 @@ BAD = [
     *(("target", value) for value in ("half", None, True)),
     *(("alpha", value) for value in (0, -1, nan, inf, "closed", "0.1", None, True, [0.1], 10**400)),
     *(("loss_on", value) for value in ("alpha", None, 1)),
+    *(("members", value) for value in (0, -1, 101, 2.0, nan, "5", None, True)),
+    *(("bootstrap", value) for value in (0, 0.0, -0.5, 1.01, nan, inf, "1", None, True)),
     *(("zero_output", value) for value in (1, 0, "yes", None)),
     *(
         (name, value)
         for name in ("episodes", "batch_size", "learning_starts", "update_every", "gradient_steps")
-        + ("epsilon_decay_steps", "capacity")
+        + ("epsilon_decay_steps", "capacity", "window")
         for value in (0, -1, 1.5, 2.0, nan, inf, "9", None, True, 10**20)
     ),
     *(

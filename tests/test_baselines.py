@@ -1,0 +1,326 @@
+"""The baselines and controls: each differs from DQN, or from GB-DQN, in what its name says and in nothing else."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gbdqn_ref import checkpoint, plots, runs
+from gbdqn_ref.__main__ import main
+from gbdqn_ref.config import CHOICES
+from gbdqn_ref.dqn import DQN
+from gbdqn_ref.optim import Adam
+from gbdqn_ref.replay import ProportionalReplay, RecencyReplay
+from gbdqn_ref.train import AGENTS, Config, make_agent, run
+
+SCHEDULE = [{"episode": 4, "length": 2.0}, {"episode": 7, "gravity": 2.0}, {"episode": 10, "reset": True}]
+SMALL = dict(episodes=12, hidden=(6,), capacity=90, window=30, batch_size=8, learning_starts=20, schedule=SCHEDULE)
+D, A = 4, 2  # CartPole's
+every_agent = pytest.mark.parametrize("agent", AGENTS)
+drifts = pytest.mark.parametrize("event", ["drift", "reset"])
+
+
+def agent_of(agent, **values):
+    return make_agent(Config(agent=agent, **SMALL | values))
+
+
+def feed(agent, n, seed=0, learn=1):
+    """n random transitions, each followed by so many updates; their TD errors."""
+    rng, deltas = np.random.default_rng(seed), []
+    for _ in range(n):
+        s, s2 = rng.normal(size=(2, D)).astype(np.float32)
+        agent.observe(s, int(rng.integers(A)), float(rng.normal()), s2, bool(rng.random() < 0.2))
+        deltas += [agent.learn() for _ in range(learn)]
+    return np.array(deltas)
+
+
+def states(n=30):
+    return np.random.default_rng(99).normal(size=(n, D)).astype(np.float32)
+
+
+def state_bytes(agent, prefix=""):
+    return {name: array.tobytes() for name, array in checkpoint.state(agent).items() if name.startswith(prefix)}
+
+
+def trained(config):
+    """A run's records as text, and its agent at the end."""
+    agent = make_agent(config)
+    return [repr(record) for record in run(config, agent)], agent
+
+
+def gradients(monkeypatch):
+    """What Adam is given from now on."""
+    calls, step = [], Adam.step
+    monkeypatch.setattr(Adam, "step", lambda adam, theta, grad: (calls.append(grad), step(adam, theta, grad)))
+    return calls
+
+
+# --- all of them -----------------------------------------------------------------------------------------------------
+
+
+def test_every_agent_can_be_chosen_and_drawn():
+    assert tuple(AGENTS) == CHOICES["agent"] and set(AGENTS) < set(plots.NAMES)
+    assert set(plots.COLOURS) == set(plots.MARKS) == set(AGENTS)
+    looks = [(plots.COLOURS[agent], plots.LINES.get(agent, "-")) for agent in AGENTS]
+    assert len(set(looks)) == len(set(plots.MARKS.values())) == len({plots.NAMES[agent] for agent in AGENTS}) == 9
+
+
+@every_agent
+def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
+    (records, one), (again, other) = (trained(Config(agent=agent, **SMALL)) for _ in range(2))
+    assert records == again and state_bytes(one) == state_bytes(other)
+    assert records != trained(Config(agent=agent, seed=1, **SMALL))[0]
+
+
+@every_agent
+@pytest.mark.parametrize("bootstrap", [1.0, 0.5])
+def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, bootstrap):
+    config = Config(agent=agent, bootstrap=bootstrap, **SMALL)
+    original, records = make_agent(config), []
+    for record in run(config, original):
+        records.append(repr(record))
+        if record["episode"] in (2, 4, 10):  # before, at and after drifts
+            checkpoint.save(tmp_path / str(len(records)), original, len(records))
+    for episodes in (3, 5, 11):
+        again = make_agent(config)
+        assert checkpoint.load(tmp_path / str(episodes), again) == episodes
+        assert [repr(record) for record in run(config, again, episodes)] == records[episodes:]
+        assert state_bytes(again) == state_bytes(original)
+
+
+@every_agent
+def test_a_run_that_is_killed_and_resumed_ends_with_the_same_bytes(tmp_path, monkeypatch, agent):
+    def dies(*arguments):
+        for record in run(*arguments):
+            yield record
+            if record["episode"] == 8:
+                raise KeyboardInterrupt
+
+    config = Config(agent=agent, bootstrap=0.5, **SMALL)
+    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", -1)  # a checkpoint at every episode
+    monkeypatch.setattr(runs.plots, "learning_curves", lambda *_: None)
+    runs.train(config, tmp_path / "whole", quiet=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "run", dies)
+        with pytest.raises(KeyboardInterrupt):
+            runs.train(config, tmp_path / "killed", quiet=True)
+    assert not (tmp_path / "killed" / "summary.json").exists()
+    runs.train(config, tmp_path / "killed", resume=True, quiet=True)
+    for name in ("config.json", "episodes.csv", "checkpoint.npz", "summary.json"):
+        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+@pytest.mark.parametrize("agent", sorted(set(AGENTS) - {"random"}))
+def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
+    learner = agent_of(agent)
+    feed(learner, 30)
+    learner.on_drift("drift")
+    before = state_bytes(learner)
+    assert [learner.act(s, greedy=True) for s in states()] == learner.q(states()).argmax(-1).tolist()
+    assert state_bytes(learner) == before
+
+
+@pytest.mark.parametrize(
+    ("control", "agent", "replay"), [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")]
+)
+def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, replay):
+    (records, one), (same, other) = (
+        trained(Config(**values, **SMALL)) for values in (dict(agent=control), dict(agent=agent, replay=replay))
+    )
+    assert records == same and state_bytes(one) == state_bytes(other)
+    assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(replay, ProportionalReplay)
+    assert records != trained(Config(agent=agent, **SMALL))[0]
+
+
+def test_all_of_them_can_be_compared(tmp_path, capsys):
+    values = ["episodes=4", "learning_starts=20", "hidden=[4]", 'schedule=[{"episode": 2, "length": 2}]']
+    settings = [part for value in values for part in ("--set", value)]
+    command = ["compare", "--agents", ",".join(AGENTS), *settings, "--out", str(tmp_path), "--quiet"]
+    assert main(command) == 0
+    header = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("regime"))
+    columns = header.replace("drop", "").replace("recovery", "").split("  ")
+    assert [column.strip() for column in columns if column.strip()][1:] == [plots.NAMES[agent] for agent in AGENTS]
+    assert all((tmp_path / agent / "summary.json").exists() for agent in AGENTS)
+
+
+# --- the ensemble ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
+def test_an_ensemble_of_one_is_dqn(replay):
+    (records, one), (same, dqn) = (
+        trained(Config(agent=agent, members=1, replay=replay, **SMALL)) for agent in ("ensemble", "dqn")
+    )
+    assert records == same and one.steps > 100
+    ours = state_bytes(one)
+    assert ours.pop("seen") and ours == state_bytes(dqn)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(2, 6), st.integers(0, 99))
+def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
+    ensemble, dqn = (agent_of(agent, members=members, seed=seed) for agent in ("ensemble", "dqn"))
+    assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(ensemble.theta[0], dqn.theta)
+    for k in range(members):
+        assert not (ensemble.theta[k] == np.delete(ensemble.theta, k, 0)).any()
+    assert np.array_equal(ensemble.theta, ensemble.theta_target)
+    assert not np.shares_memory(ensemble.theta, ensemble.theta_target)
+
+
+def test_the_q_function_is_the_mean_of_the_members():
+    agent = agent_of("ensemble", members=3)
+    feed(agent, 30)
+    expected = sum(agent.net.forward(theta.astype(np.float64), states())[0] for theta in agent.theta) / 3
+    np.testing.assert_allclose(agent.q(states()), expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose([agent.q(s) for s in states()], expected, rtol=1e-5, atol=1e-6)
+    assert agent.q(states(6).reshape(2, 3, D)).shape == (2, 3, A)
+
+
+@pytest.mark.parametrize("bootstrap", [1.0, 0.5])
+def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(monkeypatch, bootstrap):
+    """The same sums one member after the other, one transition after the other, in float64."""
+    agent = agent_of("ensemble", members=3, bootstrap=bootstrap, max_grad_norm=0.05)
+    feed(agent, 60)
+    batch, before = agent.replay.sample(8, copy.deepcopy(agent.rng)), agent.theta.astype(np.float64)
+    forward, target = agent.net.forward, agent.theta_target.copy()
+    q_next = np.mean([forward(theta.astype(np.float64), batch.s2)[0] for theta in agent.theta_target], 0)
+    y = [batch.r[i] + (0 if batch.terminated[i] else 0.99 * max(q_next[i])) for i in range(8)]
+    expected, q = [], np.zeros((3, 8))
+    for k in range(3):
+        q_k, cache = forward(before[k], batch.s)
+        dq = np.zeros((8, A))
+        for i, a in enumerate(batch.a):
+            q[k, i] = q_k[i, a]
+            dq[i, a] = agent.seen[batch.index[i], k] * batch.weight[i] * (q_k[i, a] - y[i]) / 8
+        grad = agent.net.backward(before[k], cache, dq)
+        expected.append(grad * min(1, 0.05 / np.linalg.norm(grad)))
+    calls, noted = gradients(monkeypatch), []
+    monkeypatch.setattr(agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta)))
+    delta = agent.learn()
+    np.testing.assert_allclose(calls[0], expected, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(delta, y - q.mean(0), rtol=1e-3, atol=1e-5)
+    assert delta.shape == (8,) and np.array_equal(noted[0][1], delta) and np.array_equal(noted[0][0], batch.index)
+    np.testing.assert_allclose(agent.theta_target, 0.99 * target + 0.01 * agent.theta, rtol=1e-5, atol=1e-7)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.booleans(), min_size=3, max_size=3))
+def test_a_transition_that_a_member_does_not_see_does_not_move_it(sees):
+    agent = agent_of("ensemble", members=3, batch_size=4)
+    feed(agent, 20, learn=0)
+    agent.seen[:] = sees
+    before = agent.theta.copy()
+    agent.learn()
+    assert (agent.theta != before).any(-1).tolist() == sees
+
+
+def test_a_member_sees_as_much_as_the_config_says_and_a_full_ring_is_drawn_anew():
+    agent = agent_of("ensemble", members=4, bootstrap=0.3, capacity=500)
+    feed(agent, 500, learn=0)
+    first = agent.seen.copy()
+    assert agent.seen.shape == (500, 4) and agent.seen.mean(0) == pytest.approx(0.3, abs=0.08)
+    assert len({column.tobytes() for column in first.T}) == 4, "each by itself"
+    feed(agent, 250, learn=0)
+    assert (agent.seen[250:] == first[250:]).all() and not (agent.seen[:250] == first[:250]).all()
+
+
+def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
+    agent = agent_of("ensemble")
+    before = agent.rng.bit_generator.state
+    feed(agent, 200, learn=0)
+    assert agent.seen.all() and agent.rng.bit_generator.state == before
+
+
+# --- what happens at a drift -----------------------------------------------------------------------------------------
+
+
+@drifts
+def test_a_reset_starts_anew_and_keeps_the_replay(event):
+    agent = agent_of("reset")
+    feed(agent, 60)
+    theta, replay, epsilon = agent.theta.copy(), state_bytes(agent, "replay."), agent.epsilon
+    agent.on_drift(event)
+    assert state_bytes(agent, "replay.") == replay and agent.epsilon == epsilon
+    assert not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2  # U(±1/√4) at the most
+    assert np.array_equal(agent.theta, agent.theta_target) and not np.shares_memory(agent.theta, agent.theta_target)
+    assert agent.adam.t == 0 and not agent.adam.m.any() and not agent.adam.v.any()
+    feed(agent, 5)
+    assert agent.adam.t == 5
+
+
+def test_a_reset_does_nothing_at_the_end():
+    agent = agent_of("reset")
+    feed(agent, 30)
+    before = state_bytes(agent)
+    agent.on_drift("end")
+    assert state_bytes(agent) == before
+
+
+def test_in_a_run_a_reset_begins_with_each_regime():
+    config, updates = Config(agent="reset", **SMALL), []
+    agent = make_agent(config)
+    for _ in run(config, agent):
+        updates.append(agent.adam.t)
+    assert [k for k in range(1, 12) if updates[k] < updates[k - 1]] == [4, 7, 10]
+
+
+def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_ever_after():
+    config, thetas = Config(agent="frozen", **SMALL), []
+    agent, dqn = make_agent(config), make_agent(Config(agent="dqn", **SMALL))
+    other = run(dqn.config, dqn)
+    for record in run(config, agent):
+        thetas.append(agent.theta.tobytes())
+        if record["episode"] < 4:
+            assert repr(record) == repr(next(other)) and thetas[-1] == dqn.theta.tobytes()
+    assert thetas[3] != thetas[0] and len(set(thetas[3:])) == 1
+    assert agent.steps == agent.replay.added and not np.isnan(record["td_error"])
+
+
+def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
+    agent = agent_of("frozen", epsilon_start=0.5, epsilon_end=0.5)
+    feed(agent, 30)
+    agent.on_drift("reset")
+    learnt = agent.theta.copy()
+    feed(agent, 1)
+    assert not np.array_equal(agent.theta, learnt), "a return to the stock physics is not the first drift"
+    frozen, s = agent.theta.copy(), states(1)[0]
+    for event in ("drift", "drift", "reset"):
+        agent.on_drift(event)
+        deltas = feed(agent, 40)
+        assert np.array_equal(agent.theta, frozen) and np.isfinite(deltas).all()
+    assert {agent.act(s) for _ in range(60)} == {0, 1}
+
+
+# --- the others ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("window", "capacity"), [(1, 90), (25, 90), (90, 25)])
+def test_a_sliding_window_holds_the_last_transitions_and_no_more(window, capacity):
+    agent, dqn = (agent_of(name, window=window, capacity=capacity) for name in ("sliding", "dqn"))
+    feed(dqn, 60, learn=0)
+    rng, held = np.random.default_rng(0), []
+    for _ in range(60):
+        s, s2 = rng.normal(size=(2, D)).astype(np.float32)
+        agent.observe(s, int(rng.integers(A)), float(rng.normal()), s2, bool(rng.random() < 0.2))
+        held.append(len(agent.replay))
+        agent.learn()
+    assert held == [min(n, window) for n in range(1, 61)] and len(dqn.replay) == min(60, capacity)
+    assert type(agent) is DQN and agent.replay.s.shape == (window, D)
+
+
+def test_a_sliding_window_as_wide_as_the_replay_is_dqn():
+    (records, _), (same, _) = (trained(Config(agent=a, **SMALL | dict(window=90))) for a in ("sliding", "dqn"))
+    assert records == same != trained(Config(agent="sliding", **SMALL))[0]
+
+
+def test_the_random_policy_is_even_and_learns_nothing():
+    config = Config(agent="random", **SMALL)
+    agent = make_agent(config)
+    records = list(run(config, agent))
+    assert {record["epsilon"] for record in records} == {1.0}
+    assert np.isnan([record["td_error"] for record in records]).all()
+    assert records[-1]["steps"] == agent.steps == sum(record["length"] for record in records)
+    for greedy in (False, True):
+        assert np.mean([agent.act(None, greedy) for _ in range(4000)]) == pytest.approx(0.5, abs=0.03)
