@@ -39,7 +39,7 @@ def test_every_function_and_check_that_is_named_exists(id):
     row = ROWS[id]
     if row["verdict"].startswith("not checkable: "):
         return
-    for name in row["uses"].replace("`", "").split(", "):
+    for name in filter(None, row["uses"].split(", ")):
         module, _, path = name.partition(".")
         thing = importlib.import_module(f"gbdqn_ref.{module}")
         for part in path.split("."):
