@@ -9,7 +9,14 @@ from matplotlib.figure import Figure
 from . import drift, stats
 from .checkpoint import write_atomically
 
-NAMES = {"gbdqn": "GB-DQN", "dqn": "DQN", "cartpole": "CartPole", "mountaincar": "MountainCar", "acrobot": "Acrobot"}
+NAMES = {
+    "gbdqn": "GB-DQN",
+    "dqn": "DQN",
+    "cartpole": "CartPole",
+    "mountaincar": "MountainCar",
+    "acrobot": "Acrobot",
+    "hopper": "Hopper",
+}
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73")  # colours that every eye tells apart, and in grey too
 COLOURS = {"gbdqn": OKABE_ITO[0], "dqn": OKABE_ITO[1]}
 MARKS = {"gbdqn": "o", "dqn": "^"}
