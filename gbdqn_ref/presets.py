@@ -120,8 +120,8 @@ LONG = {  # ours (D17): the paper's Hopper ends before anything is learnt; this 
         episodes=1_500,
         learning_starts=1_000,
         epsilon_decay_steps=10_000,
-        mix=0.15,
-        recency_rate=2e-5,  # a memory of about a regime, and about half of the draws where the run ends, at 160,000
+        mix=0.1,
+        recency_rate=2e-5,  # a memory of about a regime; half of the draws where a run of GB-DQN ends, at 180,000
         schedule=[entry | {"episode": 3 * entry["episode"]} for entry in HOPPER["schedule"]],
     ),
 }

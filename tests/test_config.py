@@ -93,7 +93,7 @@ def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_t
 
 
 @pytest.mark.parametrize(
-    ("name", "n", "priority"), [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 160_000, 1.5)]
+    ("name", "n", "priority"), [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 180_000, 2.5)]
 )
 def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, priority):
     # transitions and mean p^TD at the end of the runs, as measured
