@@ -1,7 +1,4 @@
-"""One dataclass that says everything about a run, and the presets. Nothing here learns.
-
-Marks: "paper" is a value that the paper gives, "ours" one that it leaves open (D13) or that a laptop needs (D14).
-"""
+"""One dataclass that says everything about a run. Nothing here learns."""
 
 import difflib
 import json
@@ -12,6 +9,7 @@ from typing import get_args
 
 from . import UsageError
 from .drift import ENVIRONMENTS, check_schedule, environment, is_number
+from .presets import PRESETS
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Config:
     """
 
     env: str = "cartpole"
-    """What is learnt: cartpole, mountaincar or acrobot."""
+    """What is learnt: cartpole, mountaincar, acrobot or hopper."""
     agent: str = "gbdqn"
     """gbdqn, a baseline (dqn, ensemble, reset, sliding) or a control (frozen, random, dqn-recency, gbdqn-per)."""
     seed: int = 0
@@ -122,14 +120,15 @@ class Config:
 
     @classmethod
     def preset(cls, env, name="paper", /, **values):
-        """The settings of the paper for this environment, or the fast ones; `values` take precedence.
+        """The settings of the paper for this environment, or others of its presets; `values` take precedence.
 
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
         """
         environment(env)  # refuses what there is not
-        if name not in PRESETS:
-            raise UsageError(f"unknown preset {short(name)}; choose one of {', '.join(PRESETS)}")
+        names = [known for known, presets in PRESETS.items() if env in presets]
+        if name not in names:
+            raise UsageError(f"{env} has no preset {short(name)}; choose one of {', '.join(names)}")
         return cls.from_dict({"env": env} | PRESETS[name][env] | values)
 
     @classmethod
@@ -181,84 +180,3 @@ RULES = {
     **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), FRACTION),
     **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), POSITIVE),
 }
-
-ACROBOT = dict(
-    episodes=600,  # paper
-    gamma=0.99,  # paper
-    hidden=(128, 128),  # paper
-    lr=1e-3,  # paper
-    max_grad_norm=10.0,  # paper
-    capacity=50_000,  # paper
-    window=5_000,  # paper
-    batch_size=64,  # paper
-    learning_starts=1_000,  # paper
-    update_every=4,  # paper
-    tau=0.01,  # paper
-    epsilon_start=1.0,  # paper
-    epsilon_end=0.05,  # paper
-    epsilon_decay_steps=20_000,  # paper
-    alpha=0.1,  # paper (η_boost)
-    schedule=[  # the episodes and what drifts: paper; the factors: ours (D13)
-        {"episode": 150, "gravity": 1.5},
-        {"episode": 250, "mass": 1.5},
-        {"episode": 350, "gravity": 1.5, "mass": 1.5},
-        {"episode": 450, "reset": True},
-    ],
-)
-MOUNTAINCAR = dict(
-    episodes=600,  # paper
-    gamma=0.99,  # paper
-    alpha=0.1,  # paper (η_boost)
-    lr=4e-3,  # ours (D13), as all below: with Acrobot's settings nothing is learnt
-    update_every=16,
-    gradient_steps=8,
-    tau=0.02,
-    schedule=[  # the episodes and what drifts: paper; the factors: ours (D13)
-        {"episode": 150, "gravity": 1.3},
-        {"episode": 250, "force": 0.8},
-        {"episode": 350, "gravity": 1.3, "force": 0.9},
-        {"episode": 450, "reset": True},
-    ],
-)
-CARTPOLE = dict(  # ours (D13), all but α: the paper mentions CartPole in its conclusion and does not show it
-    episodes=600,
-    alpha=0.1,  # paper (η_boost)
-    lr=2e-4,  # DQN forgets CartPole as soon as it has learnt it: small steps, many of them, and a long memory help
-    update_every=16,
-    gradient_steps=16,
-    max_grad_norm=1.0,
-    capacity=200_000,
-    priority_exponent=0.3,
-    mix=0.6,
-    recency_rate=5e-6,
-    epsilon_end=0.02,
-    epsilon_decay_steps=5_000,
-    schedule=[
-        {"episode": 300, "gravity": 2.0},
-        {"episode": 400, "length": 2.0},
-        {"episode": 500, "reset": True},
-    ],
-)
-PAPER = {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT}
-FAST = {  # ours (D14): fewer episodes, and drifts that come as soon as there is something to forget
-    "cartpole": CARTPOLE
-    | dict(
-        episodes=400,
-        lr=1e-3,
-        update_every=64,
-        gradient_steps=32,
-        tau=0.02,
-        capacity=50_000,
-        recency_rate=3e-5,
-        schedule=[{"episode": 220, "gravity": 4.0}, {"episode": 320, "reset": True}],
-    ),
-    "mountaincar": MOUNTAINCAR
-    | dict(episodes=400, schedule=[{"episode": 250, "gravity": 1.3}, {"episode": 325, "reset": True}]),
-    "acrobot": ACROBOT
-    | dict(
-        episodes=250,
-        epsilon_decay_steps=10_000,
-        schedule=[{"episode": 120, "gravity": 1.5, "mass": 1.5}, {"episode": 190, "reset": True}],
-    ),
-}
-PRESETS = {"paper": PAPER, "fast": FAST}

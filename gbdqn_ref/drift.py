@@ -19,6 +19,7 @@ ENVIRONMENTS = {  # name: (Gymnasium's id, the setter of its physics)
     "cartpole": ("CartPole-v1", physics.set_cartpole),
     "mountaincar": ("MountainCar-v0", physics.set_mountaincar),
     "acrobot": ("gbdqn_ref/Acrobot-v1", physics.set_acrobot),
+    "hopper": ("gbdqn_ref/Hopper-v5", physics.set_hopper),
 }
 MAY_BE_NEGATIVE = {"force"}  # a reversed actuator is a drift, a negative mass is a mistake
 

@@ -5,11 +5,13 @@ arguments restores it. A setter writes all that it governs, from the stock const
 one. It takes the unwrapped environment (an attribute set on a wrapper has no effect) and writes to the instance.
 """
 
+from functools import cache
 from math import cos, pi, sin
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+from gymnasium.utils import RecordConstructorArgs
 
 CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, only read
 
@@ -85,6 +87,37 @@ def _wrap(angle):
 gymnasium.register("gbdqn_ref/Acrobot-v1", f"{__name__}:Acrobot", max_episode_steps=500, reward_threshold=-100.0)
 
 
+class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
+    """Hopper's three motors (thigh, leg, foot) under seven actions; the paper has seven and does not say which (D16).
+
+    0: no torque; 1, 2, 3: the full positive torque on the thigh, leg or foot alone; 4, 5, 6: the full negative one.
+
+    >>> env = gymnasium.make("gbdqn_ref/Hopper-v5")
+    >>> [env.action(a).tolist() for a in (0, 3, 4)]
+    [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
+    """
+
+    TORQUES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], np.float32)
+
+    def __init__(self, env):
+        RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+        self.action_space = gymnasium.spaces.Discrete(7)
+
+    def action(self, action):
+        """The torques (3,) of an action."""
+        return self.TORQUES[action].copy()
+
+
+gymnasium.register(
+    "gbdqn_ref/Hopper-v5",
+    "gymnasium.envs.mujoco.hopper_v5:HopperEnv",
+    max_episode_steps=1000,
+    reward_threshold=3800.0,
+    additional_wrappers=(SevenActions.wrapper_spec(),),
+)
+
+
 def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=1.0):
     """Gravity, masses of cart and pole, length of the pole, force of a push; total_mass and polemass_length follow."""
     env.gravity = CARTPOLE.gravity * gravity
@@ -113,3 +146,29 @@ def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0):
     env.LINK_LENGTH_1, env.LINK_LENGTH_2 = Acrobot.LINK_LENGTH_1 * length, Acrobot.LINK_LENGTH_2 * length
     env.LINK_COM_POS_1, env.LINK_COM_POS_2 = Acrobot.LINK_COM_POS_1 * length, Acrobot.LINK_COM_POS_2 * length
     env.LINK_MOI = Acrobot.LINK_MOI * mass * length**2
+
+
+def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
+    """Gravity, mass of every body, sliding friction of every surface; what MuJoCo derives from the masses follows.
+
+    Inertia scales with mass, as it would with density. A contact slides by the larger friction of the two surfaces,
+    so that the floor's alone would change nothing: the foot has twice as much.
+    """
+    import mujoco  # here, since only Hopper needs it and it takes as long as all other imports together
+
+    model, stock = env.model, _stock_hopper(env.fullpath)
+    model.opt.gravity[2] = stock.opt.gravity[2] * gravity  # gravity = … would set all three axes
+    model.body_mass[:] = stock.body_mass * mass
+    model.body_inertia[:] = stock.body_inertia * mass
+    model.geom_friction[:, 0] = stock.geom_friction[:, 0] * friction
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # on scratch data: it would move the hopper in env.data
+    model.stat.meanmass = stock.stat.meanmass * mass  # these two MuJoCo derives when it compiles, and never again;
+    model.stat.meaninertia = model.dof_M0.mean()  # the tolerance of the contact solver is relative to this one
+
+
+@cache
+def _stock_hopper(path):
+    """A model of its own from the same XML, only read; compiled when first needed."""
+    import mujoco
+
+    return mujoco.MjModel.from_xml_path(path)

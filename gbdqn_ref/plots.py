@@ -22,6 +22,7 @@ NAMES = {
     "cartpole": "CartPole",
     "mountaincar": "MountainCar",
     "acrobot": "Acrobot",
+    "hopper": "Hopper",
 }
 # Okabe and Ito's colours, that every eye tells apart: blue, vermillion, green, purple, orange, sky blue, black
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

@@ -15,6 +15,7 @@ import os
 import platform
 import time
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 import gymnasium
@@ -141,6 +142,7 @@ def _start(config, out):
         "python": platform.python_version(),
         "numpy": np.__version__,
         "gymnasium": gymnasium.__version__,
+        "mujoco": version("mujoco"),  # not imported for its version: it takes as long as all else together
     }
     _write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
 

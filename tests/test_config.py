@@ -7,17 +7,20 @@ import re
 from dataclasses import FrozenInstanceError, fields
 from math import inf, nan
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gbdqn_ref import UsageError, config
-from gbdqn_ref.config import PRESETS, Config
+from gbdqn_ref.config import Config
+from gbdqn_ref.dqn import make_replay
 from gbdqn_ref.drift import ENVIRONMENTS
+from gbdqn_ref.presets import PRESETS
 from gbdqn_ref.train import AGENTS
 
 FLOATS = [field.name for field in fields(Config) if field.type is float]
-ALL_PRESETS = [(name, env) for name in ("paper", "fast") for env in ENVIRONMENTS]
+ALL_PRESETS = [(name, env) for name in PRESETS for env in PRESETS[name]]
 configs = st.builds(
     Config,
     env=st.sampled_from(sorted(ENVIRONMENTS)),
@@ -48,11 +51,16 @@ def test_a_config_survives_json(a_config):
 
 @pytest.mark.parametrize(("name", "env"), ALL_PRESETS)
 @pytest.mark.parametrize("agent", AGENTS)
-def test_there_is_a_preset_for_every_environment(name, env, agent):
+def test_every_preset_is_a_config_with_a_drift(name, env, agent):
     preset = Config.preset(env, name, agent=agent, seed=3)
     assert (preset.env, preset.agent, preset.seed) == (env, agent, 3)
     assert Config.from_dict(preset.to_dict()) == preset
     assert [entry["episode"] for entry in preset.schedule if entry["episode"] < preset.episodes], "nothing would drift"
+
+
+def test_every_environment_has_the_presets_paper_and_fast_and_hopper_a_third():
+    assert list(PRESETS["paper"]) == list(PRESETS["fast"]) == list(ENVIRONMENTS)
+    assert list(PRESETS) == ["paper", "fast", "long"] and list(PRESETS["long"]) == ["hopper"]
 
 
 def test_the_acrobot_preset_has_the_papers_values():
@@ -63,6 +71,38 @@ def test_the_acrobot_preset_has_the_papers_values():
         epsilon_decay_steps=20_000, gamma=0.99, alpha=0.1,
     )  # fmt: skip
     assert {key: getattr(preset, key) for key in paper} == paper
+
+
+def test_the_hopper_preset_has_the_papers_values():
+    preset = Config.preset("hopper")
+    paper = dict(
+        episodes=500, hidden=(256, 256), lr=3e-4, max_grad_norm=10.0, capacity=200_000, batch_size=128,
+        learning_starts=5000, update_every=4, tau=0.01, epsilon_start=1.0, epsilon_end=0.05,
+        epsilon_decay_steps=100_000, gamma=0.99, alpha=0.1, gradient_steps=1, behaviour="epsilon-greedy",
+    )  # fmt: skip
+    assert {key: getattr(preset, key) for key in paper} == paper
+    names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
+    assert names == [(100, {"gravity"}), (200, {"mass"}), (300, {"mass", "gravity", "friction"}), (400, {"reset"})]
+
+
+def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_to_learn():
+    paper, long = Config.preset("hopper").to_dict(), Config.preset("hopper", "long").to_dict()
+    changed = {key for key in paper if paper[key] != long[key]}
+    assert changed == {"episodes", "schedule", "learning_starts", "epsilon_decay_steps", "mix", "recency_rate"}
+    assert long["episodes"] == 3 * paper["episodes"]
+    assert long["schedule"] == [entry | {"episode": 3 * entry["episode"]} for entry in paper["schedule"]]
+
+
+@pytest.mark.parametrize(
+    ("name", "n", "priority"), [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 180_000, 2.5)]
+)
+def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, priority):
+    # transitions and mean p^TD at the end of the runs, as measured
+    preset = Config.preset("hopper", name, capacity=n)
+    replay = make_replay(preset, 1)
+    replay.added = n
+    replay.tree.set(np.arange(n), np.full(n, priority))
+    assert 1 / 3 < 1 - replay.td_share() < 2 / 3
 
 
 @pytest.mark.parametrize("env", ["acrobot", "mountaincar"])
@@ -198,8 +238,11 @@ def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("cart",), "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot"),
-        (("acrobot", "slow"), "unknown preset 'slow'; choose one of paper, fast"),
+        (("cart",), "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper$"),
+        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast$"),
+        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast$"),
+        (("hopper", "slow"), "hopper has no preset 'slow'; choose one of paper, fast, long$"),
+        (("hopper", ["long"]), r"hopper has no preset \['long'\]; choose one of paper, fast, long$"),
     ],
 )
 def test_an_unknown_preset_is_refused_with_the_known_ones(arguments, message):

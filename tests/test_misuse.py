@@ -46,7 +46,7 @@ COMMANDS = {
     "an unknown option": (["train", "--episodes", "5"], "--episodes"),
     "a stray word": (["train", "cartpole"], "cartpole"),
     "an option without its value": (["train", "--env"], "--env"),
-    "an unknown environment": (["train", "--env", "Hopper-v5"], "cartpole, mountaincar, acrobot"),
+    "an unknown environment": (["train", "--env", "Hopper-v5"], "cartpole, mountaincar, acrobot, hopper"),
     "an unknown agent": (["train", "--agent", "ppo"], "gbdqn, dqn"),
     "an empty agent": (["train", "--agent", ""], "gbdqn, dqn"),
     "an unknown preset": (["train", "--preset", "slow"], "paper, fast"),

@@ -280,7 +280,7 @@ def test_config_json_holds_every_setting_and_the_versions(tmp_path, undisturbed,
     content = json.loads(undisturbed[agent]["config.json"])
     assert runs.read_config(tmp_path) == config_of(agent)
     assert content["config"] == config_of(agent).to_dict()
-    assert content["versions"].keys() == {"gbdqn_ref", "python", "numpy", "gymnasium"}
+    assert content["versions"].keys() == {"gbdqn_ref", "python", "numpy", "gymnasium", "mujoco"}
     assert content["versions"]["numpy"] == np.__version__
 
 
