@@ -122,9 +122,13 @@ class Config:
     def preset(cls, env, name="paper", /, **values):
         """The settings of the paper for this environment, or others of its presets; `values` take precedence.
 
+        "hopper-long" is short for the preset "long" of hopper.
+
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
         """
+        env, _, suffix = env.partition("-") if isinstance(env, str) else (env, "", "")
+        name = suffix or name
         environment(env)  # refuses what there is not
         names = [known for known, presets in PRESETS.items() if env in presets]
         if name not in names:

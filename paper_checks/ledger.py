@@ -29,7 +29,7 @@ current = None  # the test that runs, set by conftest
 
 
 def claim(id, place, says, verdict, uses):
-    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions that decide it (none: arithmetic).
+    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions that decide it, if any.
 
     verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its place:
     theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls shows() with the figure that

@@ -12,7 +12,7 @@ from ledger import claim, control, shows
 
 from gbdqn_ref.bellman import epsilon_schedule, softmax_policy
 from gbdqn_ref.config import Config
-from gbdqn_ref.drift import check_schedule
+from gbdqn_ref.drift import check_schedule, make
 from gbdqn_ref.stats import final_return
 
 RUNS = 5
@@ -209,6 +209,41 @@ def test_control_with_long_episodes_the_settings_would_do():
     """Negative control: at 200 steps an episode ε reaches 0.05; it is the short episodes that starve it."""
     _, epsilon, first_update, _ = hopper(200)
     assert epsilon == pytest.approx(0.05) and first_update < 100
+
+
+def mean_return(act, episodes=20):
+    """Mean return on Hopper's stock physics of a policy that looks at nothing."""
+    env, returns = make("hopper"), []
+    for seed in range(episodes):
+        env.reset(seed=seed)
+        total, ends = 0.0, False
+        while not ends:
+            _, r, terminated, truncated, _ = env.step(act())
+            total, ends = total + float(r), terminated or truncated
+        returns.append(total)
+    return np.mean(returns)
+
+
+@claim(
+    "X6",
+    place="section Hopper, table",
+    says="returns of 16 to 20 on Hopper are the outcome of learning",
+    verdict="fails: random actions reach as much, and doing nothing several times as much",
+    uses="physics.SevenActions, drift.make",
+)
+def test_hoppers_returns_are_those_of_chance():
+    """With our seven actions (the paper's are not said: D16); the levels are rounded down to what is safe to say."""
+    rng = np.random.default_rng(0)
+    best = max(mean for mean, _ in TABLES["Hopper"].values())
+    assert mean_return(lambda: rng.integers(7)) > best / 2
+    assert mean_return(lambda: 0, episodes=5) > 5 * best
+    shows("printed 16.3 to 20.2; random actions over 10, doing nothing over 100, under our seven actions")
+
+
+@control("X6")
+def test_control_doing_nothing_is_nothing_on_mountaincar():
+    """Negative control: where doing nothing earns nothing, the printed means are better than it."""
+    assert all(mean > -200 or name == "Ensemble" for name, (mean, _) in TABLES["MountainCar"].items())
 
 
 @claim(

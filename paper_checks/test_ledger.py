@@ -57,8 +57,8 @@ def test_a_row_survives_being_written_and_read(tmp_path, monkeypatch):
     row = dict.fromkeys(ledger.FIELDS, "x") | {"id": "M1", "figure": "|1 − α| ≤ 1"}
     page = tmp_path / "README.md"
     page.write_text(f"before\n{ledger.BEGIN}\nold\n{ledger.END}\nafter\n")
-    ledger.write(page, [row])
     monkeypatch.setattr(ledger, "README", page)
     monkeypatch.setattr(ledger, "NOT_CHECKABLE", ())
+    ledger.write(page, [row])
     assert ledger.committed() == {"M1": row}
     assert page.read_text().startswith("before\n") and page.read_text().endswith("\nafter\n")
