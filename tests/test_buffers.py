@@ -303,7 +303,7 @@ def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
 
 @kinds
 def test_adding_a_transition_allocates_nothing(kind, options):
-    """Beyond the few hundred bytes of a view and a scalar, whatever the size of a transition and of the buffer."""
+    """Beyond the few hundred bytes of views and scalars: half of one state, of 16 kB, would be too much."""
     replay, s = kind(5_000, 4_096, **options), np.ones(4_096, np.float32)
     replay.add(s, 0, 1.0, s, False)
     tracemalloc.start()
@@ -311,7 +311,7 @@ def test_adding_a_transition_allocates_nothing(kind, options):
         replay.add(s, 0, 1.0, s, False)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 2_000
+    assert peak < 8_000
 
 
 def test_no_error_builds_up_in_the_tree():
