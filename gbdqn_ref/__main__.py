@@ -1,29 +1,31 @@
-"""The command line: python -m gbdqn_ref train | compare | bench."""
+"""The command line: python -m gbdqn_ref train | compare | study | bench."""
 
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from reprlib import repr as short
 
-from . import UsageError, bench, peers, plots, runs
+import numpy as np
+
+from . import UsageError, bench, peers, plots, runs, study
 from .config import CHOICES, Config
 
 RANDOM = "random policy, stock physics"
 
 
 def main(arguments=None):
-    """Run a command; exit status 0, or 2 after one line on what was wrong."""
+    """Run a command; exit status 0, 2 after one line on what was wrong, 1 if runs of a study failed."""
     try:
         args = _parser().parse_args(arguments)
-        args.command(args)
+        return args.command(args) or 0
     except (UsageError, OSError) as error:
         print("gbdqn_ref:", *str(error).split(), file=sys.stderr)  # one line, whatever is in a path
         return 2
     except KeyboardInterrupt:
         print("\ngbdqn_ref: stopped; train --resume, or the same compare, goes on from the checkpoint", file=sys.stderr)
         return 130
-    return 0
 
 
 class _Parser(argparse.ArgumentParser):
@@ -49,6 +51,13 @@ def _parser():
     compare.add_argument("--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn")
     compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
     compare.set_defaults(command=_compare)
+    many = commands.add_parser("study", parents=[common], help="train many agents on many seeds, side by side")
+    many.add_argument("--agents", default="all", help="all (default), or a list like gbdqn,dqn")
+    many.add_argument("--seeds", default="5", help="how many (default 5: 0 to 4), or a list like 3,7")
+    many.add_argument("--jobs", type=int, default=2, help="processes, default 2")
+    many.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, like tcp://host:8786, in place of processes")
+    many.add_argument("--out", help="folder; default runs/study-ENV; runs that it has already are not repeated")
+    many.set_defaults(command=_study)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
     costs.add_argument("--out", default="runs/bench.png", help="the picture; default runs/bench.png")
     costs.add_argument("--tiny", action="store_true", help="a few seconds, only to see that it runs")
@@ -91,10 +100,62 @@ def _train(args):
     print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
 
 
+def _list(option, text):
+    """The parts of "a,b,c", no two alike."""
+    parts = text.split(",")
+    if len(set(parts)) < len(parts):
+        raise UsageError(f"{option} names one twice: {text}")
+    return parts
+
+
+def _study(args):
+    if args.seed is not None:
+        raise UsageError("a study has --seeds, not --seed")
+    agents = list(CHOICES["agent"]) if args.agents == "all" else _list("--agents", args.agents)
+    seeds = _list("--seeds", args.seeds)
+    if not all(seed.isdecimal() for seed in seeds) or seeds == ["0"] or not 1 <= args.jobs <= 1000:
+        raise UsageError(f"--seeds is a count or a list like 3,7, --jobs from 1 on, not {args.seeds} and {args.jobs}")
+    seeds = [int(seed) for seed in seeds] if len(seeds) > 1 else range(int(seeds[0]))
+    configs = [replace(_config(args, agent), seed=seed) for seed in seeds for agent in agents]
+    out = Path(args.out or f"runs/study-{configs[0].env}")
+    failed = study.run_study(configs, out, _dask(args.dask) if args.dask else None, args.jobs, args.quiet)
+    for run, error in failed.items():
+        print(f"gbdqn_ref: {run} failed: {error}", file=sys.stderr)
+    if failed:
+        return 1
+    summaries, _ = study.report(out)
+    _print_study(summaries, configs[0])
+    print(f"\nall of it: {out}/results.json and {out}/AGENT-SEED/")
+
+
+def _print_study(summaries, config):
+    """Per agent the mean return in each regime, and the final return as the paper gives it: mean ± std over runs."""
+    rows = next(iter(summaries.values()))
+    print(f"\n{plots.NAMES[config.env]}: mean return per regime, then final return, mean ± std over {len(rows)} runs")
+    for row in rows[0]["regimes"]:
+        print(f"  {_label(row, config)}")
+    for agent, rows in summaries.items():
+        means = np.mean([[regime["mean_return"] for regime in row["regimes"]] for row in rows], axis=0)
+        final = [row["final_return"] for row in rows]
+        spread = f" ± {np.std(final, ddof=1):.1f}" if len(final) > 1 else ""
+        cells = "".join(f"{mean:9.1f}" for mean in means)
+        print(f"{plots.NAMES[agent]:14}{cells}{np.mean(final):11.1f}{spread}")
+
+
+def _dask(address):
+    """An executor on a Dask cluster."""
+    try:
+        from distributed import Client
+    except ImportError as e:
+        raise UsageError("--dask needs Dask's scheduler: pip install -e '.[cluster]'") from e
+    try:
+        return Client(address).get_executor(pure=False)
+    except ValueError as e:
+        raise UsageError(f"--dask needs the address of a scheduler, like tcp://host:8786: {e}") from e
+
+
 def _compare(args):
-    agents = args.agents.split(",")
-    if len(set(agents)) < len(agents):
-        raise UsageError(f"--agents names one twice: {args.agents}")
+    agents = _list("--agents", args.agents)
     configs = {agent: _config(args, agent) for agent in agents}
     config = next(iter(configs.values()))
     out = Path(args.out or f"runs/{config.env}")

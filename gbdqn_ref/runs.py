@@ -58,7 +58,7 @@ def train(config, out, resume=False, quiet=False):
     if resume and read_config(out) != config:
         raise UsageError(f"the run in {out} has other settings; leave them out to resume it, or choose another --out")
     out.mkdir(parents=True, exist_ok=True)
-    with _locked(out):
+    with locked(out):
         if not resume:
             _start(config, out)
         if not (out / "summary.json").exists():
@@ -67,7 +67,7 @@ def train(config, out, resume=False, quiet=False):
 
 
 @contextmanager
-def _locked(out):
+def locked(out):
     """Keep other processes from this folder; a killed process leaves no lock behind."""
     if not fcntl:
         yield
@@ -106,7 +106,7 @@ def _train(config, out, quiet):
     checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
     records = read_episodes(out)
     plots.learning_curves({config.agent: records}, config, random_return(config), out / "curve.png")
-    _write_json(out / "summary.json", summarise(config, agent, records))
+    write_json(out / "summary.json", summarise(config, agent, records))
 
 
 def summarise(config, agent, records):
@@ -144,7 +144,7 @@ def _start(config, out):
         "gymnasium": gymnasium.__version__,
         "mujoco": version("mujoco"),  # not imported for its version: it takes as long as all else together
     }
-    _write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
+    write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
 
 
 def read_config(out):
@@ -152,7 +152,7 @@ def read_config(out):
     path = Path(out) / "config.json"
     if not path.exists():
         raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
-    values = _read_json(path, "config")["config"]
+    values = read_json(path, "config")["config"]
     try:
         return Config.from_dict(values)
     except (UsageError, TypeError) as e:
@@ -161,7 +161,7 @@ def read_config(out):
 
 def read_summary(out):
     """summary.json as a dict."""
-    return _read_json(Path(out) / "summary.json", "regimes", "final_return", "random_return")
+    return read_json(Path(out) / "summary.json", "regimes", "final_return", "random_return")
 
 
 def read_episodes(out):
@@ -195,7 +195,7 @@ def _cut(path, episodes):
     write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
 
 
-def _read_json(path, *keys):
+def read_json(path, *keys):
     """The object in a JSON file, which must have these keys."""
     try:
         content = json.loads(Path(path).read_bytes())
@@ -207,6 +207,7 @@ def _read_json(path, *keys):
     return content
 
 
-def _write_json(path, content):
+def write_json(path, content):
+    """Write plain JSON, atomically, the same bytes for the same content."""
     text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
     write_atomically(path, lambda file: file.write(text.encode()))
