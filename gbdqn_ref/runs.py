@@ -42,6 +42,7 @@ COLUMNS = {
     "steps": int,
     "epsilon": float,
     "td_error": float,
+    "evaluation": lambda text: [float(mean) for mean in text.split()],
 }
 HEADER = ",".join(COLUMNS).encode()
 CHECKPOINT_SECONDS = 10
@@ -95,7 +96,7 @@ def _train(config, out, quiet):
     ):
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         for record in run(config, agent, first) if first < config.episodes else []:
-            writer.writerow(record)
+            writer.writerow(record | {"evaluation": " ".join(map(repr, record["evaluation"]))})
             file.flush()
             shown = {"return": f"{record['return']:.0f}", "ε": f"{record['epsilon']:.2f}", "regime": record["regime"]}
             bar.set_postfix(shown, refresh=False)
@@ -110,7 +111,7 @@ def _train(config, out, quiet):
 
 
 def summarise(config, agent, records):
-    """The contents of summary.json."""
+    """The contents of summary.json; `evaluation` has a row after each regime, a column for each it is evaluated in."""
     level = random_return(config)
     summary = {
         "env": config.env,
@@ -121,6 +122,7 @@ def summarise(config, agent, records):
         "final_return": stats.final_return([record["return"] for record in records]),
         "random_return": level,
         "regimes": stats.regime_table(records, level),
+        "evaluation": [record["evaluation"] for record in records if record["evaluation"]],
     }
     if isinstance(agent.replay, RecencyReplay):
         summary["recency_share_of_replay"] = 1 - agent.replay.td_share()

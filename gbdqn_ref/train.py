@@ -11,7 +11,7 @@ from .config import Config
 from .dqn import DQN
 from .gbdqn import GBDQN
 
-__all__ = ["Config", "evaluate", "make_agent", "run"]
+__all__ = ["Config", "evaluate", "evaluate_regimes", "make_agent", "run"]
 
 AGENTS = {
     "gbdqn": GBDQN,
@@ -38,7 +38,7 @@ def run(config, agent=None, first_episode=0):
     """Train, and yield one record per episode: a dict of what the episode was and came to.
 
     Hand in an agent to keep hold of it; with one that has seen first_episode episodes, the run goes on from there
-    exactly as if it had not been interrupted.
+    exactly as if it had not been interrupted. The last record of a regime has an evaluation in every regime.
 
     >>> config = Config(env="cartpole", episodes=2, learning_starts=10)
     >>> [(record["episode"], record["return"]) for record in run(config)]
@@ -46,6 +46,7 @@ def run(config, agent=None, first_episode=0):
     """
     agent = make_agent(config) if agent is None else agent
     env = drift.make(config.env, config.schedule)
+    starts = {start for start, _, _ in drift.check_schedule(config.env, config.schedule)}
     for episode in range(first_episode, config.episodes):
         s, info = env.reset(seed=episode_seed(config.seed, episode), options={"episode": episode})
         if info["event"]:
@@ -67,6 +68,7 @@ def run(config, agent=None, first_episode=0):
             "steps": agent.steps,
             "epsilon": agent.epsilon,
             "td_error": float(np.abs(deltas).mean()) if deltas else float("nan"),
+            "evaluation": evaluate_regimes(agent, config) if episode + 1 in {*starts, config.episodes} else [],
         }
     agent.on_drift("end")
 
@@ -74,6 +76,14 @@ def run(config, agent=None, first_episode=0):
 def episode_seed(seed, episode):
     """The seed of an episode's reset: independent of the agent, so that agents with one seed meet the same starts."""
     return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0])
+
+
+def evaluate_regimes(agent, config, episodes=5):
+    """Mean return of the greedy policy in each regime of the run, without learning: what is known of each by now."""
+    regimes = drift.check_schedule(config.env, config.schedule)
+    schedules = [[{"episode": 0, **factors}] for start, factors, _ in regimes if start < config.episodes]
+    envs = [drift.make(config.env, schedule) for schedule in schedules]
+    return [float(evaluate(agent, env, episodes, config.seed).mean()) for env in envs]
 
 
 def evaluate(agent, env, episodes, seed):

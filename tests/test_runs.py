@@ -380,3 +380,35 @@ def test_a_run_does_not_begin_in_the_folder_of_another(tmp_path, undisturbed):
     with pytest.raises(UsageError, match="--resume"):
         runs.train(config_of("dqn"), tmp_path, quiet=True)
     assert contents(tmp_path) == undisturbed["dqn"]
+
+
+# --- evaluation in every regime ---------------------------------------------------------------------------------------
+
+
+@both
+def test_after_each_regime_the_agent_is_evaluated_in_every_regime(tmp_path, undisturbed, agent):
+    """The last row is what the agent of the checkpoint reaches, in physics that are set by hand."""
+    summary = json.loads(undisturbed[agent]["summary.json"])
+    assert [len(row) for row in summary["evaluation"]] == [4, 4, 4, 4]
+    restore(undisturbed[agent], tmp_path / "run")
+    config = config_of(agent)
+    learner = train.make_agent(config)
+    checkpoint.load(tmp_path / "run" / "checkpoint.npz", learner)
+    for (length, gravity), mean in zip([(1, 1), (2, 1), (2, 2), (1, 1)], summary["evaluation"][-1], strict=True):
+        env = drift.make("cartpole", [{"episode": 0, "length": length, "gravity": gravity}])
+        assert train.evaluate(learner, env, 5, config.seed).mean() == mean
+
+
+@both
+def test_the_evaluation_changes_nothing_of_the_training(monkeypatch, undisturbed, agent):
+    monkeypatch.setattr(train, "evaluate_regimes", lambda agent, config: [])
+    without = list(train.run(config_of(agent)))
+    monkeypatch.undo()
+    with_it = [record | {"evaluation": []} for record in train.run(config_of(agent))]
+    assert repr(with_it) == repr(without)  # as text, in which nan is nan
+
+
+def test_regimes_that_a_short_run_does_not_reach_are_not_evaluated():
+    config = Config.preset("cartpole", agent="dqn", **SMALL | {"episodes": 10})
+    evaluations = {record["episode"]: len(record["evaluation"]) for record in train.run(config)}
+    assert {episode: n for episode, n in evaluations.items() if n} == {7: 2, 9: 2}

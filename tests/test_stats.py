@@ -2,8 +2,24 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import reals, rngs
 
-from gbdqn_ref.stats import final_return, recovery, regime_table, trailing_mean
+from gbdqn_ref.stats import (
+    bootstrap_interval,
+    final_return,
+    forgetting,
+    iqm,
+    mean_std,
+    median_recovery,
+    paired_difference,
+    recovery,
+    regime_table,
+    trailing_mean,
+)
+
+runs = st.lists(reals(), min_size=1, max_size=9).map(np.array)
 
 
 def records(*regimes):
@@ -70,7 +86,7 @@ def test_recovery_means_a_mean_not_one_good_episode():
 
 def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
     assert regime_table(records([10, 20]), 0.0) == [
-        dict(regime=0, first_episode=0, episodes=2, event="", mean_return=15.0, drop=None, recovery=None)
+        dict(regime=0, first_episode=0, episodes=2, event="", mean_return=15.0, drop=None, recovery=None, area=None)
     ]
 
 
@@ -78,7 +94,7 @@ def test_the_table_of_a_drop_and_a_recovery():
     # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level, and 92 is 90 % of it
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
-        regime=1, first_episode=25, episodes=40, event="drift", mean_return=80.0, drop=0.5, recovery=28
+        regime=1, first_episode=25, episodes=40, event="drift", mean_return=80.0, drop=0.5, recovery=28, area=0.75
     )  # (2 · 60 + 8 · 100) / 10 = 92
 
 
@@ -134,3 +150,90 @@ def test_the_table_says_where_each_regime_begins_and_by_which_event():
     assert [(row["regime"], row["first_episode"], row["event"]) for row in table] == [
         (0, 0, ""), (1, 3, "drift"), (2, 7, "reset")
     ]  # fmt: skip
+
+
+def test_the_area_of_a_regime_is_its_mean_level():
+    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of it."""
+    rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
+    assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([0, 1, 2, 3, 100], 2),  # (0.15 · 1 + 0.2 · 2 + 0.15 · 3) · 2
+        ([4, 0, 0, 4, 9], 2.8),  # sorted 0 0 4 4 9: (0.15 · 0 + 0.2 · 4 + 0.15 · 4) · 2
+        ([1, 2, 6, 100], 4),  # the second and the third, whole
+        ([7], 7),
+        ([1, 5], 3),
+        ([0, 3, 9], 3.5),  # thirds: (1/3 − 1/4) · 0 + 1/3 · 3 + (3/4 − 2/3) · 9, twice
+    ],
+)
+def test_the_interquartile_mean_by_hand(values, expected):
+    assert iqm(np.array(values, float)) == pytest.approx(expected)
+
+
+@given(runs, reals(), st.floats(0.1, 10))
+def test_the_interquartile_mean_moves_and_scales_with_its_values(x, shift, scale):
+    assert iqm(scale * x + shift) == pytest.approx(scale * iqm(x) + shift, abs=1e-9)
+    assert np.quantile(x, 0.25, method="inverted_cdf") - 1e-9 <= iqm(x)
+    assert iqm(x) <= np.quantile(x, 0.75, method="inverted_cdf") + 1e-9
+
+
+def test_the_interquartile_mean_is_taken_along_an_axis():
+    x = np.arange(10.0).reshape(2, 5)
+    assert iqm(x).tolist() == [2, 7] and iqm(x.T, axis=0).tolist() == [2, 7]
+
+
+@given(runs, rngs())
+def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
+    state = rng.bit_generator.state
+    low, high = bootstrap_interval(x, rng, resamples=50)
+    assert x.min() - 1e-9 <= low <= high <= x.max() + 1e-9
+    rng.bit_generator.state = state
+    assert bootstrap_interval(x, rng, resamples=50) == (low, high)
+
+
+def test_an_interval_of_two_values_by_hand():
+    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½ or at its edges."""
+    rng = np.random.default_rng(0)
+    assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
+    assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
+
+
+def test_environments_are_resampled_by_themselves():
+    """Runs that agree within each environment leave no spread, however far the environments are apart."""
+    x = np.array([[1.0] * 5, [9.0] * 5])
+    assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
+    assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
+
+
+@given(runs, rngs())
+def test_a_paired_difference_changes_its_sign_with_its_order(x, rng):
+    y, state = x[::-1].copy(), rng.bit_generator.state
+    middle, low, high = paired_difference(x, y, rng, resamples=200)
+    rng.bit_generator.state = state
+    back = paired_difference(y, x, rng, resamples=200)
+    np.testing.assert_allclose(back, (-middle, -high, -low), atol=1e-9)
+
+
+def test_pairing_takes_out_what_the_seeds_share():
+    seeds = np.array([0.0, 100.0, 200.0, 300.0, 400.0])
+    assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
+
+
+def test_mean_and_std_by_hand():
+    assert mean_std([1.0, 2.0, 3.0]) == (2.0, 1.0) and mean_std([4.0]) == (4.0, None)
+
+
+@pytest.mark.parametrize(
+    ("times", "median"),
+    [([10, 30, 20], 20), ([10, None, 20], 20), ([None, 10, None], None), ([10, 20], 15), ([10, None], None), ([9], 9)],
+)
+def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
+    assert median_recovery(times) == median
+
+
+def test_forgetting_is_what_was_best_less_what_is_left():
+    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met does not count."""
+    assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]

@@ -75,7 +75,7 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(tmp_path,
         assert contents(tmp_path / "out") == sequential
         ages = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/*")}
         printed = capsys.readouterr().out
-        assert "DQN" in printed and " ± " in printed and "over 2 runs" in printed
+        assert "DQN" in printed and " ± " in printed and "2 runs each" in printed
     assert ages == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/*")}
 
 
