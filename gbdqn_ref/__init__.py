@@ -1,8 +1,8 @@
 """GB-DQN (arXiv 2512.17034) as an executable paper: NumPy only, hand-written, checked.
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman, boosting, replay,
-tabular, physics, drift, presets, config, dqn, gbdqn, baselines, stats, train, checkpoint, plots, runs, study, peers,
-bench, __main__.
+tabular, physics, drift, presets, config, dqn, gbdqn, baselines, stats, train, checkpoint, plots, runs, study, effect,
+peers, bench, tables, __main__.
 """
 
 import os

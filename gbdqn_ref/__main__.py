@@ -7,12 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from reprlib import repr as short
 
-import numpy as np
-
-from . import UsageError, bench, peers, plots, runs, stats, study
+from . import UsageError, bench, effect, peers, plots, runs, study, tables
 from .config import CHOICES, Config
-
-RANDOM = "random policy, stock physics"
 
 
 def main(arguments=None):
@@ -58,6 +54,13 @@ def _parser():
     many.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, like tcp://host:8786, in place of processes")
     many.add_argument("--out", help="folder; default runs/study-ENV; runs that it has already are not repeated")
     many.set_defaults(command=_study)
+    matters = commands.add_parser(
+        "drift-effect", parents=[common], help="what each drift costs a policy that stays put"
+    )
+    matters.add_argument("--agent", default="dqn", help="who learns, default dqn")
+    matters.add_argument("--jobs", type=int, default=2, help="processes, default 2")
+    matters.add_argument("--out", help="folder; default runs/effect-ENV; runs that it has already are not repeated")
+    matters.set_defaults(command=_drift_effect)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
     costs.add_argument("--out", default="runs/bench.png", help="the picture; default runs/bench.png")
     costs.add_argument("--tiny", action="store_true", help="a few seconds, only to see that it runs")
@@ -96,7 +99,7 @@ def _train(args):
         config = _config(args, args.agent)
     out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
     summary = runs.train(config, out, args.resume, args.quiet)
-    _print_table({config.agent: summary}, config)
+    tables.regimes({config.agent: summary}, config)
     print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
 
 
@@ -124,30 +127,14 @@ def _study(args):
     if failed:
         return 1
     summaries, _ = study.report(out)
-    _print_study(summaries, configs[0])
+    tables.study(summaries, configs[0])
     print(f"\nall of it: {out}/results.json and {out}/AGENT-SEED/")
 
 
-def _print_study(summaries, config):
-    """Per agent the mean return in each regime; of the final return mean ± std, IQM, and the difference to DQN."""
-    count = len(next(iter(summaries.values())))
-    final = {agent: np.array([row["final_return"] for row in rows]) for agent, rows in summaries.items()}
-    print(f"\n{plots.NAMES[config.env]}, {count} runs each: mean return per regime; final return")
-    for row in next(iter(summaries.values()))[0]["regimes"]:
-        print(f"  {_label(row, config)}")
-    print(f"\n{'':14}{'regimes':35}{'mean ± std':>20}{'IQM':>9}   minus DQN's [95 %]")
-    for agent, rows in summaries.items():
-        means = np.mean([[regime["mean_return"] for regime in row["regimes"]] for row in rows], axis=0)
-        cells = "".join(f"{mean:8.1f}" for mean in means)
-        mean, std = stats.mean_std(final[agent])
-        line = f"{plots.NAMES[agent]:14}{cells:44}{mean:8.1f} ± {std or 0:5.1f}{stats.iqm(final[agent]):9.1f}"
-        if "dqn" in final and agent != "dqn":
-            paired = stats.paired_difference(final[agent], final["dqn"], np.random.default_rng(0))
-            line += "   {:+.1f} [{:+.1f}, {:+.1f}]".format(*paired)
-        print(line)
-    print(
-        "\nIQM: interquartile mean; the difference: IQM over seeds, paired, with a bootstrap interval (too narrow at 5)"
-    )
+def _drift_effect(args):
+    config = _config(args, args.agent)
+    rows = effect.drift_effect(config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet)
+    tables.drift_effect(rows, config)
 
 
 def _dask(address):
@@ -173,7 +160,7 @@ def _compare(args):
         summaries[agent] = runs.train(config, out / agent, known, args.quiet)
     records = {agent: runs.read_episodes(out / agent) for agent in configs}
     plots.learning_curves(records, config, summaries[config.agent]["random_return"], out / "comparison.png")
-    _print_table(summaries, config)
+    tables.regimes(summaries, config)
     print(f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train anew)")
 
 
@@ -184,58 +171,12 @@ def _bench(args):
         raise UsageError(f"{path} is a folder; --out is the file that takes the picture, like {path / 'bench.png'}")
     if not peers.installed():
         print("no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]' adds both")
-    scale, tables = bench.TINY if args.tiny else bench.Scale(), {}
+    scale, measured = bench.TINY if args.tiny else bench.Scale(), {}
     for title, columns, rows in bench.sections(scale):
-        tables[title] = rows
-        widths = [max(10, len(column) + 2) for column in columns]
-        print(f"\n{title}\n" + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True)))
-        for label, numbers in rows.items():
-            print("".join(f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)), "", label)
-    plots.costs(*bench.curves(scale, tables), path)
+        measured[title] = rows
+        tables.costs(title, columns, rows)
+    plots.costs(*bench.curves(scale, measured), path)
     print(f"\nthe picture: {path}")
-
-
-def _decimals(x):
-    """How many decimals make three digits."""
-    return max(0, 2 - int(max(1, x) >= 10) - int(x >= 100))
-
-
-def _print_table(summaries, config):
-    """Per regime and agent the mean return, the drop and the recovery; then the final return."""
-    names = [plots.NAMES[agent] for agent in summaries]
-    print(f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
-    tables = [summary["regimes"] for summary in summaries.values()]
-    labels = [_label(row, config) for row in tables[0]]
-    width = max(len(label) for label in (*labels, RANDOM)) + 1
-    print(f"\n{'regime':{width}}" + "".join(f"{name:>14}{'drop':>7}{'recovery':>10}" for name in names))
-    for label, *rows in zip(labels, *tables, strict=True):
-        cells = [f"{row['mean_return']:14.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
-        print(f"{label:{width}}" + "".join(cells))
-    final = "".join(f"{summary['final_return']:14.1f}{'':17}" for summary in summaries.values())
-    print(f"{'final (last 50 episodes)':{width}}{final.rstrip()}")
-    level = next(iter(summaries.values()))["random_return"]
-    print(f"{RANDOM:{width}}{level:14.1f}")
-    for agent, summary in summaries.items():
-        if "recency_share_of_replay" in summary:
-            print(
-                f"\n{plots.NAMES[agent]} ended with {summary['recency_share_of_replay']:.0%} of its samples by recency"
-            )
-    print("\ndrop: part of the level before the drift lost in the first 20 episodes after it (random policy = 0)")
-    print("recovery: episodes until a mean of 10 is back at 90 % of that level; never: not within the regime")
-
-
-def _label(row, config):
-    entry = next((entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {})
-    changed = [f"{name} × {value:g}" for name, value in entry.items() if name not in ("episode", "reset")]
-    return f"{row['regime']}  {', '.join(changed) or 'stock physics'}"
-
-
-def _drop(row):
-    return "–" if row["drop"] is None else f"{row['drop']:.0%}"
-
-
-def _recovery(row):
-    return "–" if row["drop"] is None else str(row["recovery"] or "never")
 
 
 if __name__ == "__main__":

@@ -86,8 +86,18 @@ def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential)
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    while not all(map(is_free, [out, *out.glob("*-*")])):  # a worker may take a moment to die
+        time.sleep(0.01)
     assert study.run_study(CONFIGS, out, Here(), quiet=True) == {}
     assert contents(out) == sequential
+
+
+def is_free(folder):
+    try:
+        with runs.locked(folder):
+            return True
+    except UsageError:
+        return False
 
 
 def kill_once(values, folder):

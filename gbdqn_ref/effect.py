@@ -1,0 +1,62 @@
+"""Does a drift matter? What a policy of the stock physics loses in each regime, and whether the regime can be learnt.
+
+Only a drift that costs something, and can be made good, lets an experiment tell methods apart.
+"""
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from . import checkpoint, drift, study
+from .config import Config
+from .train import evaluate, make_agent
+
+HURTS = 0.2  # of the span between random and trained
+
+
+def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
+    """One dict per different regime of the schedule, the stock physics first: what three policies reach in it.
+
+    random; frozen, trained in the stock physics and learning no more; trained, in this regime from the start. Mean
+    greedy returns over the same starts. lost = (trained − frozen) / (trained − random), None where the trained one is
+    not better than random by two standard errors. The runs are kept in `out`, and those it has are not repeated.
+    """
+    regimes = {}
+    scheduled = [factors for _, factors, _ in drift.check_schedule(config.env, config.schedule)]
+    for factors in [drift.factors_of(config.env), *scheduled]:
+        regimes[", ".join(f"{name} × {factor:g}" for name, factor in factors.items() if factor != 1)] = factors
+    schedules = [[{"episode": 0, **factors}] if name else [] for name, factors in regimes.items()]
+    configs = [replace(config, schedule=schedule) for schedule in schedules]
+    folders = [Path(out) / f"{name or 'stock physics'}, {config.agent}-{config.seed}" for name in regimes]
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+        paths = [str(folder.resolve()) for folder in folders]
+        trainings = executor.map(study.train_one, [each.to_dict() for each in configs], paths)
+        list(tqdm(trainings, total=len(folders), unit="run", disable=quiet))
+    chance = make_agent(Config(env=config.env, agent="random"))
+    trained = [_agent(*pair) for pair in zip(configs, folders, strict=True)]
+    return [
+        {"regime": name or "stock physics"}
+        | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
+        for name, schedule, policy in zip(regimes, schedules, trained, strict=True)
+    ]
+
+
+def _agent(config, folder):
+    agent = make_agent(config)
+    checkpoint.load(folder / "checkpoint.npz", agent)
+    return agent
+
+
+def _levels(env, policies, episodes):
+    returns = [evaluate(policy, env, episodes, seed=0) for policy in policies]
+    random, frozen, trained = (float(x.mean()) for x in returns)
+    error = float(np.std(returns[2], ddof=1) / np.sqrt(episodes))
+    learnable = trained - random > 2 * error
+    lost = (trained - frozen) / (trained - random) if learnable else None
+    return {"random": random, "frozen": frozen, "trained": trained, "lost": lost}
