@@ -35,7 +35,7 @@ def _parser():
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--env", help="cartpole, mountaincar, acrobot or hopper")
     common.add_argument("--seed", type=int, help="default 0")
-    common.add_argument("--preset", help="paper (default), fast, or for hopper also long")
+    common.add_argument("--preset", help="paper (default), fast, and for some environments long or hard")
     common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable")
     common.add_argument("--quiet", action="store_true", help="no progress bar")
     train = commands.add_parser("train", parents=[common], help="train one agent into a folder")

@@ -122,7 +122,7 @@ class Config:
     def preset(cls, env, name="paper", /, **values):
         """The settings of the paper for this environment, or others of its presets; `values` take precedence.
 
-        "hopper-long" is short for the preset "long" of hopper.
+        "hopper-long" is short for the preset "long" of hopper, "acrobot-hard" for "hard" of acrobot.
 
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000

@@ -21,7 +21,7 @@ ENVIRONMENTS = {  # name: (Gymnasium's id, the setter of its physics)
     "acrobot": ("gbdqn_ref/Acrobot-v1", physics.set_acrobot),
     "hopper": ("gbdqn_ref/Hopper-v5", physics.set_hopper),
 }
-MAY_BE_NEGATIVE = {"force"}  # a reversed actuator is a drift, a negative mass is a mistake
+MAY_BE_NEGATIVE = {"force", "torque"}  # a reversed actuator is a drift, a negative mass is a mistake
 
 
 def factors_of(name):

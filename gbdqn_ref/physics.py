@@ -135,8 +135,8 @@ def set_mountaincar(env, gravity=1.0, force=1.0):
     env.force = MOUNTAINCAR.force * force
 
 
-def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0):
-    """Gravity, mass of both links, length of both links.
+def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
+    """Gravity, mass of both links, length of both links, torque of the motor.
 
     A moment of inertia is a mass times a squared length, so it scales with mass · length²; the centre of mass stays at
     the same fraction of a link. The goal, one link's length above the pivot, is a matter of angles and scales along.
@@ -146,6 +146,7 @@ def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0):
     env.LINK_LENGTH_1, env.LINK_LENGTH_2 = Acrobot.LINK_LENGTH_1 * length, Acrobot.LINK_LENGTH_2 * length
     env.LINK_COM_POS_1, env.LINK_COM_POS_2 = Acrobot.LINK_COM_POS_1 * length, Acrobot.LINK_COM_POS_2 * length
     env.LINK_MOI = Acrobot.LINK_MOI * mass * length**2
+    env.AVAIL_TORQUE = [stock * torque for stock in Acrobot.AVAIL_TORQUE]
 
 
 def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):

@@ -127,4 +127,24 @@ LONG = {  # ours (D17): the paper's Hopper ends before anything is learnt; this 
         schedule=[entry | {"episode": 3 * entry["episode"]} for entry in HOPPER["schedule"]],
     ),
 }
-PRESETS = {"paper": PAPER, "fast": FAST, "long": LONG}
+HARD = {  # ours (D21): drifts that a policy which stays put does not survive, and that can be learnt
+    "acrobot": ACROBOT
+    | dict(
+        schedule=[  # a frozen policy loses 100 %, −40 % and 100 % of the span from random to trained (seed 0)
+            {"episode": 150, "torque": -1.0},
+            {"episode": 250, "torque": 0.5},
+            {"episode": 350, "gravity": 1.5, "torque": -1.0},
+            {"episode": 450, "reset": True},
+        ]
+    ),
+    "mountaincar": MOUNTAINCAR
+    | dict(
+        schedule=[  # here 100 %, 22 % and 100 %
+            {"episode": 150, "force": -1.0},
+            {"episode": 250, "gravity": 0.7},
+            {"episode": 350, "gravity": 1.3, "force": -1.3},
+            {"episode": 450, "reset": True},
+        ]
+    ),
+}
+PRESETS = {"paper": PAPER, "fast": FAST, "long": LONG, "hard": HARD}

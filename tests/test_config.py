@@ -239,8 +239,8 @@ def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
     ("arguments", "message"),
     [
         (("cart",), "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper$"),
-        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast$"),
-        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast$"),
+        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast, hard$"),
+        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast, hard$"),
         (("hopper", "slow"), "hopper has no preset 'slow'; choose one of paper, fast, long$"),
         (("hopper", ["long"]), r"hopper has no preset \['long'\]; choose one of paper, fast, long$"),
     ],

@@ -14,7 +14,12 @@ from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole
 CONSTANTS = {
     "cartpole": ("gravity", "masscart", "masspole", "length", "force_mag", "total_mass", "polemass_length"),
     "mountaincar": ("gravity", "force"),
-    "acrobot": ("gravity", "LINK_MOI", *(f"LINK_{what}_{i}" for what in ("MASS", "LENGTH", "COM_POS") for i in (1, 2))),
+    "acrobot": (
+        "gravity",
+        "LINK_MOI",
+        "AVAIL_TORQUE",
+        *(f"LINK_{what}_{i}" for what in ("MASS", "LENGTH", "COM_POS") for i in (1, 2)),
+    ),
 }
 STATES = {  # (low, high): beyond where an episode ends, and for Acrobot at full speed
     "cartpole": ([-3, -4, -0.4, -5], [3, 4, 0.4, 5]),
@@ -70,8 +75,9 @@ def fresh_mountaincar(gravity=1.0, force=1.0):
     return env
 
 
-def fresh_acrobot(gravity=1.0, mass=1.0, length=1.0):
+def fresh_acrobot(gravity=1.0, mass=1.0, length=1.0, torque=1.0):
     env = OracleAcrobot()
+    env.AVAIL_TORQUE = [-torque, 0.0, torque]
     env.gravity, env.LINK_MOI = 9.8 * gravity, 1.0 * mass * length**2
     env.LINK_MASS_1 = env.LINK_MASS_2 = 1.0 * mass
     env.LINK_LENGTH_1 = env.LINK_LENGTH_2 = 1.0 * length
@@ -188,7 +194,7 @@ def test_only_the_instance_drifts_never_the_class(name):
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_a_setter_governs_just_the_constants_compared_here(name):
     stock, env = drifted(name), drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
-    numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), float)}
+    numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
     assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(CONSTANTS[name])
 
 
