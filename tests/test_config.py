@@ -58,9 +58,19 @@ def test_every_preset_is_a_config_with_a_drift(name, env, agent):
     assert [entry["episode"] for entry in preset.schedule if entry["episode"] < preset.episodes], "nothing would drift"
 
 
-def test_every_environment_has_the_presets_paper_and_fast_and_hopper_a_third():
-    assert list(PRESETS["paper"]) == list(PRESETS["fast"]) == list(ENVIRONMENTS)
-    assert list(PRESETS) == ["paper", "fast", "long"] and list(PRESETS["long"]) == ["hopper"]
+def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
+    presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in ENVIRONMENTS}
+    assert presets == {
+        "cartpole": ["paper", "fast"],
+        "mountaincar": ["paper", "fast", "hard"],
+        "acrobot": ["paper", "fast", "hard"],
+        "hopper": ["paper", "fast", "long"],
+    }
+
+
+def test_a_preset_can_be_named_with_its_environment():
+    assert Config.preset("hopper-long") == Config.preset("hopper", "long") != Config.preset("hopper")
+    assert Config.preset("acrobot-hard", agent="dqn").schedule == PRESETS["hard"]["acrobot"]["schedule"]
 
 
 def test_the_acrobot_preset_has_the_papers_values():
