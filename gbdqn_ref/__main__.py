@@ -126,9 +126,13 @@ def _study(args):
         print(f"gbdqn_ref: {run} failed: {error}", file=sys.stderr)
     if failed:
         return 1
-    summaries, _ = study.report(out)
+    summaries, records = study.report(out)
+    plots.study_curves(records, configs[0], summaries[agents[0]][0]["random_return"], out / "curves.png")
+    final = {agent: [row["final_return"] for row in rows] for agent, rows in summaries.items()}
+    if len(final) > 1 and "dqn" in final:
+        plots.forest(final, out / "forest.png")
     tables.study(summaries, configs[0])
-    print(f"\nall of it: {out}/results.json and {out}/AGENT-SEED/")
+    print(f"\nall of it: {out}/results.json, {out}/curves.png and {out}/AGENT-SEED/")
 
 
 def _drift_effect(args):

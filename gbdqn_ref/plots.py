@@ -82,6 +82,62 @@ def learning_curves(runs, config, random_return, path):
     _save(figure, path)
 
 
+def study_curves(runs, config, random_return, path):
+    """A panel per agent of {agent: [records per seed]}: every seed, their mean, and its bootstrap interval."""
+    rows, columns = -(-len(runs) // 3), min(3, len(runs))
+    figure = Figure(figsize=(12, 0.9 + 2.7 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    smooth = {agent: _smoothed(records) for agent, records in runs.items()}
+    episode, rng = np.arange(SMOOTHING - 1, config.episodes), np.random.default_rng(0)
+    for axes, (agent, curves) in zip(panels, smooth.items(), strict=False):
+        colour, middle = COLOURS[agent], curves.mean(0)
+        axes.plot(episode, curves.T, color=colour, linewidth=0.6, alpha=0.5)
+        draws = curves[rng.integers(len(curves), size=(500, len(curves)))].mean(1)
+        axes.fill_between(episode, *np.quantile(draws, [0.025, 0.975], axis=0), color=colour, alpha=0.25, linewidth=0)
+        axes.plot(episode, middle, color=colour, linewidth=2)
+        if "dqn" in smooth and agent != "dqn":
+            axes.plot(episode, smooth["dqn"].mean(0), color="0.2", linewidth=1, linestyle=":")
+        axes.axhline(random_return, color="0.45", linewidth=1, linestyle="--")
+        for start, _, _ in drift.check_schedule(config.env, config.schedule)[1:]:
+            axes.axvline(start, color="0.6", linewidth=0.8)
+        axes.set_title(NAMES[agent], loc="left", fontsize=10)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in panels[len(runs) :]:
+        axes.set_visible(False)
+    for axes in panels[max(0, len(runs) - columns) : len(runs)]:
+        axes.tick_params(labelbottom=True)
+    figure.supxlabel("episode; the physics change at the upright lines", fontsize=10)
+    figure.supylabel(f"return, mean of the last {SMOOTHING}", fontsize=10)
+    what = "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random policy"
+    figure.suptitle(f"{NAMES[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
+    _save(figure, path)
+
+
+def _smoothed(records):
+    """Trailing means of the returns (seeds, episodes − SMOOTHING + 1)."""
+    return np.array([stats.trailing_mean(np.array([each["return"] for each in run]), SMOOTHING) for run in records])
+
+
+def forest(final, path):
+    """Final returns minus DQN's on the same seeds, {agent: (seeds,)}: every pair, their IQM and its interval."""
+    others = [agent for agent in final if agent != "dqn"]
+    figure = Figure(figsize=(8, 1.2 + 0.45 * len(others)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.axvline(0, color="0.25", linewidth=1)
+    for y, agent in enumerate(reversed(others)):
+        middle, low, high = stats.paired_difference(final[agent], final["dqn"], np.random.default_rng(0))
+        difference = np.asarray(final[agent]) - final["dqn"]
+        axes.plot(difference, np.full(len(difference), y), "o", color=COLOURS[agent], alpha=0.5, markersize=4)
+        axes.plot([low, high], [y, y], color=COLOURS[agent], linewidth=2)
+        axes.plot(middle, y, MARKS[agent], color=COLOURS[agent], markersize=8)
+    axes.set_yticks(range(len(others)), [NAMES[agent] for agent in reversed(others)])
+    axes.set_xlabel("final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)")
+    axes.spines[["top", "right"]].set_visible(False)
+    _save(figure, path)
+
+
 def _save(figure, path):
     picture = io.BytesIO()
     figure.savefig(picture, dpi=120, format="png")
