@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ledger import claim, control, shows
 
 from gbdqn_ref.replay import RecencyReplay, importance_weights, mixed_priority, td_priority, time_priority
 
@@ -21,6 +22,13 @@ def normalise(p):
     return p / p.sum()
 
 
+@claim(
+    "R10",
+    place="Eqs. 10–11",
+    says="the sampling rule mixes TD error and recency",
+    verdict="holds",
+    uses="replay.RecencyReplay.probabilities, replay.mixed_priority, replay.time_priority, replay.td_priority",
+)
 @given(st.integers(0, 10**6), st.integers(1, 60), st.floats(0, 1), st.floats(0, 2))
 def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
     """P = λ P_TD + (1 − λ) P_time with λ = β S_TD / (β S_TD + (1 − β) S_time): hence the sampler in two stages."""
@@ -38,8 +46,16 @@ def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
     np.testing.assert_allclose(
         replay.probabilities(), share * normalise(p_td) + (1 - share) * normalise(p_time), rtol=1e-9
     )
+    shows("P = λ P_TD + (1 − λ) P_time exactly, λ = β S_TD / (β S_TD + (1 − β) S_time)")
 
 
+@claim(
+    "R12",
+    place="section Recency and TD-error",
+    says="β sets the balance of recency and TD error",
+    verdict="fails: at fixed α and β recency's share of the draws tends to 0 as the buffer fills",
+    uses="replay.RecencyReplay.td_share",
+)
 def test_the_recency_share_fades_as_the_buffer_fills():
     """S_time ≤ 1 / (1 − e^{−α}) is bounded and S_TD grows with N: at fixed α and β the rule tends to plain PER."""
     shares = []
@@ -50,8 +66,10 @@ def test_the_recency_share_fades_as_the_buffer_fills():
         shares.append(1 - replay.td_share())
     assert shares == sorted(shares, reverse=True)
     assert shares[-1] < 0.011
+    shows("β = 0.5, α = 0.01: recency has less than 1.1 % of the draws from 10,000 transitions")
 
 
+@control("R10", "R12")
 def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
     """Negative control: with α = 3/N the share keeps to a constant, so it is the fixed rate that makes it fade."""
     shares = []
@@ -63,6 +81,13 @@ def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
     np.testing.assert_allclose(shares, (1 - np.exp(-3)) / 3 / (1 + (1 - np.exp(-3)) / 3), atol=0.005)
 
 
+@claim(
+    "T3-a",
+    place="Theorem 3",
+    says="the mixed rule samples in proportion to |δ| e^{−α(T − t)}",
+    verdict="fails: a sum is not a product, for whatever β",
+    uses="replay.mixed_priority, replay.td_priority",
+)
 @pytest.mark.parametrize("mix", MIXES)
 def test_theorem_3_fails_whatever_the_mix(mix):
     """|δ| = (2, 1), e^{−α age} = (1, ½): P = (2/3, 1/3) for every β, and the ideal product is P* = (4/5, 1/5)."""
@@ -71,8 +96,10 @@ def test_theorem_3_fails_whatever_the_mix(mix):
     assert P.tolist() == [F(2, 3), F(1, 3)]
     assert ideal.tolist() == [F(4, 5), F(1, 5)]
     assert abs(P - ideal).sum() / 2 == F(2, 15)
+    shows("|δ| = (2, 1), e^{−α age} = (1, ½): P = (2/3, 1/3) for every β, the product (4/5, 1/5), 2/15 apart")
 
 
+@control("T3-a")
 def test_control_a_sum_can_equal_the_product():
     """Negative control: |δ| = (1, 2), e^{−α age} = (1, ¼), β = 1/7 gives P = P* exactly, an accident of n = 2."""
     p_td, p_time = td_priority(exact(1, 2), 0, 1), exact(1, F(1, 4))
@@ -89,13 +116,22 @@ def weighted_mean(P, f, exponent, normalise_by, batch_size):
     return total
 
 
+@claim(
+    "W1",
+    place="section Importance Sampling",
+    says="the importance weights correct the bias of prioritized sampling",
+    verdict="holds if their exponent is 1 and they are not normalised",
+    uses="replay.importance_weights",
+)
 def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation():
     """E_P[w f] = mean f for every f, here f = (0, 1), P = (4/5, 1/5); true mean 1/2."""
     P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
     assert weighted_mean(P, f, 1.0, None, 1) == pytest.approx(0.5, abs=1e-12)
     assert weighted_mean(P, f, 1.0, None, 3) == pytest.approx(0.5, abs=1e-12)
+    shows("every batch enumerated: E[w f] = mean f with exponent 1; with ½ 0.316 for 0.5, P = (0.8, 0.2), f = (0, 1)")
 
 
+@control("W1")
 @pytest.mark.parametrize(("exponent", "value"), [(0.0, 0.2), (0.5, 0.2 * 2.5**0.5)])
 def test_control_a_smaller_exponent_is_biased(exponent, value):
     """Negative control: the claim "to correct for the bias" fails for every exponent below 1."""
@@ -103,6 +139,13 @@ def test_control_a_smaller_exponent_is_biased(exponent, value):
     assert weighted_mean(P, f, exponent, None, 1) == pytest.approx(value, abs=1e-12)
 
 
+@claim(
+    "W2",
+    place="section Importance Sampling",
+    says="dividing the weights by their largest only scales the update",
+    verdict="fails: by the batch's largest it brings the bias back",
+    uses="replay.importance_weights",
+)
 def test_dividing_by_the_batch_maximum_is_no_mere_scaling():
     """A batch of 1 always has weight 1: the ratio of the two states stays 4 : 1, where a scaling would leave 1 : 1."""
     P = np.array([0.8, 0.2])
@@ -110,3 +153,15 @@ def test_dividing_by_the_batch_maximum_is_no_mere_scaling():
     assert first / second == pytest.approx(4)
     first, second = (weighted_mean(P, np.eye(2)[i], 1.0, "batch", 2) for i in (0, 1))
     assert first / second == pytest.approx(3.4)
+    shows(
+        "P = (0.8, 0.2), exponent 1: a batch of 1 weighs the two 4 : 1, a batch of 2 3.4 : 1, where 1 : 1 is unbiased"
+    )
+
+
+@control("W2")
+def test_control_a_fixed_divisor_does_only_scale():
+    """Negative control: the largest of the whole buffer divides the unbiased mean by 2.5, for both f."""
+    P = np.array([0.8, 0.2])
+    largest = importance_weights(P, 2, 1.0, None).max()
+    for i in (0, 1):
+        assert weighted_mean(P, np.eye(2)[i], 1.0, None, 2) / largest == pytest.approx(0.5 / 2.5)
