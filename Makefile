@@ -6,7 +6,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test bench clean
+.PHONY: train test bench notebooks clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
@@ -18,6 +18,9 @@ test: .venv/test
 
 bench: .venv/train
 	$(BIN)/python -m gbdqn_ref bench --out runs/bench.png
+
+notebooks: .venv/test
+	$(BIN)/python notebooks/render.py
 
 .venv/train: pyproject.toml
 	$(PYTHON) -m venv .venv

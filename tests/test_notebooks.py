@@ -1,0 +1,54 @@
+"""The notebooks run, as committed they show what their sources say, and nothing in them belongs to one machine."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+
+FOLDER = Path(__file__).parent.parent / "notebooks"
+sys.path.insert(0, str(FOLDER))
+import render  # noqa: E402
+
+MEGABYTE = 10**6
+
+
+@pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
+def test_it_runs_from_top_to_bottom(path, monkeypatch):
+    """In fast mode; every assertion in a cell, solutions included, is one of this test's."""
+    monkeypatch.setenv("NOTEBOOKS", "fast")
+    render.execute(render.read(path))
+
+
+@pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
+def test_the_committed_notebook_has_the_cells_of_its_source(path):
+    rendered = nbformat.read(path.with_suffix(".ipynb"), as_version=4)
+    assert [(c.cell_type, c.source) for c in rendered.cells] == [
+        (c.cell_type, c.source) for c in render.read(path).cells
+    ]
+
+
+@pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
+def test_its_outputs_are_small_and_belong_to_no_machine(path):
+    """No paths, no memory addresses, no times, no widgets, no errors; every code cell was executed, in order."""
+    text = path.with_suffix(".ipynb").read_text(encoding="utf-8")
+    assert len(text) < 0.7 * MEGABYTE
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = json.dumps([cell["outputs"] for cell in cells])
+    outputs = re.sub(r'"image/png": "[^"]*"', "", outputs)
+    assert not re.search(r"/home/|/root/|/tmp/|/work/|C:\\\\| at 0x|widget-view|\bms\b|µs|it/s", outputs)
+    assert '"output_type": "error"' not in outputs
+
+
+def test_there_is_a_notebook_for_every_source_and_no_other():
+    assert {path.stem for path in FOLDER.glob("*.ipynb")} == {path.stem for path in render.SOURCES}
+
+
+def test_a_cell_that_fails_fails_the_test():
+    """Negative control."""
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("assert 1 == 2")])
+    with pytest.raises(Exception, match="AssertionError"):
+        render.execute(notebook)
