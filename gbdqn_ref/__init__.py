@@ -2,7 +2,7 @@
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman, boosting, replay,
 tabular, physics, drift, presets, config, dqn, gbdqn, baselines, stats, train, checkpoint, plots, runs, study, effect,
-peers, bench, tables, __main__.
+watch, peers, bench, tables, __main__.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The command line: python -m gbdqn_ref train | compare | study | bench."""
+"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps | bench."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from reprlib import repr as short
 
-from . import UsageError, bench, effect, peers, plots, runs, study, tables
+from . import UsageError, bench, effect, peers, plots, runs, study, tables, watch
 from .config import CHOICES, Config
 
 
@@ -61,11 +61,27 @@ def _parser():
     matters.add_argument("--jobs", type=int, default=2, help="processes, default 2")
     matters.add_argument("--out", help="folder; default runs/effect-ENV; runs that it has already are not repeated")
     matters.set_defaults(command=_drift_effect)
+    _add_pictures(commands)
+    return parser
+
+
+def _add_pictures(commands):
+    """The commands whose outcome is a picture."""
+    shows = commands.add_parser("watch", help="film a trained agent before and after a drift")
+    shows.add_argument("run", metavar="RUN", help="the folder of a run")
+    shows.add_argument("--out", default="episode.gif", help="the film; default episode.gif")
+    shows.add_argument("--drift", type=int, default=1, metavar="K", help="which drift; default 1, the first")
+    shows.add_argument("--seed", type=int, default=0, help="of the start; default 0")
+    shows.set_defaults(command=_watch)
+    plane = commands.add_parser("maps", help="what a booster changed, on MountainCar's plane")
+    plane.add_argument("run", metavar="RUN", help="the folder of a run of GB-DQN on MountainCar")
+    plane.add_argument("--out", default="maps.png", help="the picture; default maps.png")
+    plane.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
+    plane.set_defaults(command=_maps)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
     costs.add_argument("--out", default="runs/bench.png", help="the picture; default runs/bench.png")
     costs.add_argument("--tiny", action="store_true", help="a few seconds, only to see that it runs")
     costs.set_defaults(command=_bench)
-    return parser
 
 
 def _config(args, agent):
@@ -128,17 +144,40 @@ def _study(args):
         return 1
     summaries, records = study.report(out)
     plots.study_curves(records, configs[0], summaries[agents[0]][0]["random_return"], out / "curves.png")
+    if any(len(row["regimes"]) > 1 for rows in summaries.values() for row in rows) and set(summaries) - {"random"}:
+        plots.adaptation(summaries, configs[0], out / "adaptation.png")
     final = {agent: [row["final_return"] for row in rows] for agent, rows in summaries.items()}
     if len(final) > 1 and "dqn" in final:
         plots.forest(final, out / "forest.png")
     tables.study(summaries, configs[0])
-    print(f"\nall of it: {out}/results.json, {out}/curves.png and {out}/AGENT-SEED/")
+    print(f"\nall of it: {out}/results.json, {out}/*.png and {out}/AGENT-SEED/")
 
 
 def _drift_effect(args):
     config = _config(args, args.agent)
     rows = effect.drift_effect(config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet)
     tables.drift_effect(rows, config)
+
+
+def _watch(args):
+    if args.seed < 0:
+        raise UsageError(f"--seed must be a whole number from 0 on, not {args.seed}")
+    before, after = watch.film(args.run, _file(args.out, "episode.gif"), args.drift, args.seed)
+    print(f"before the drift {before:.1f}, after it {after:.1f}; the film: {args.out}")
+
+
+def _maps(args):
+    watch.maps(args.run, _file(args.out, "maps.png"), args.booster)
+    print(f"the picture: {args.out}")
+
+
+def _file(text, example):
+    """Where a picture goes: its folder is made, and no folder stands in its place."""
+    path = Path(text)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder; --out is the file that takes the picture, like {path / example}")
+    return path
 
 
 def _dask(address):
@@ -169,10 +208,7 @@ def _compare(args):
 
 
 def _bench(args):
-    path = Path(args.out)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        raise UsageError(f"{path} is a folder; --out is the file that takes the picture, like {path / 'bench.png'}")
+    path = _file(args.out, "bench.png")
     if not peers.installed():
         print("no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]' adds both")
     scale, measured = bench.TINY if args.tiny else bench.Scale(), {}

@@ -34,6 +34,16 @@ def factors_of(name):
     return {key: 1.0 for key, parameter in inspect.signature(setter).parameters.items() if key != "env"}
 
 
+def describe(factors, separator=", "):
+    """What of the physics is not as in the stock ones.
+
+    >>> describe({"gravity": 1.5, "pole_mass": 1.0, "cart_mass": 2.0})
+    'gravity × 1.5, cart mass × 2'
+    """
+    changed = [f"{name.replace('_', ' ')} × {factor:g}" for name, factor in factors.items() if factor != 1]
+    return separator.join(changed) or "stock physics"
+
+
 def is_number(value):
     """Whether it is an int or a float that a float can hold: not nan, infinite, a bool or 10⁴⁰⁰."""
     return type(value) in (int, float) and -1e300 < value < 1e300

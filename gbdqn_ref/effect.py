@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from . import checkpoint, drift, study
+from . import drift, runs, study
 from .config import Config
 from .train import evaluate, make_agent
 
@@ -28,10 +28,11 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     regimes = {}
     scheduled = [factors for _, factors, _ in drift.check_schedule(config.env, config.schedule)]
     for factors in [drift.factors_of(config.env), *scheduled]:
-        regimes[", ".join(f"{name} × {factor:g}" for name, factor in factors.items() if factor != 1)] = factors
-    schedules = [[{"episode": 0, **factors}] if name else [] for name, factors in regimes.items()]
+        regimes[drift.describe(factors)] = factors
+    _, *drifted = regimes.values()
+    schedules = [[], *([{"episode": 0, **factors}] for factors in drifted)]
     configs = [replace(config, schedule=schedule) for schedule in schedules]
-    folders = [Path(out) / f"{name or 'stock physics'}, {config.agent}-{config.seed}" for name in regimes]
+    folders = [Path(out) / f"{name}, {config.agent}-{config.seed}" for name in regimes]
     for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
@@ -39,18 +40,11 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
         trainings = executor.map(study.train_one, [each.to_dict() for each in configs], paths)
         list(tqdm(trainings, total=len(folders), unit="run", disable=quiet))
     chance = make_agent(Config(env=config.env, agent="random"))
-    trained = [_agent(*pair) for pair in zip(configs, folders, strict=True)]
+    trained = [runs.read_agent(folder)[1] for folder in folders]
     return [
-        {"regime": name or "stock physics"}
-        | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
+        {"regime": name} | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
         for name, schedule, policy in zip(regimes, schedules, trained, strict=True)
     ]
-
-
-def _agent(config, folder):
-    agent = make_agent(config)
-    checkpoint.load(folder / "checkpoint.npz", agent)
-    return agent
 
 
 def _levels(env, policies, episodes):

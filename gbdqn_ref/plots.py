@@ -4,7 +4,9 @@ import io
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from . import drift, stats
 from .checkpoint import write_atomically
@@ -58,7 +60,7 @@ def costs(replay, boosters, path):
     left.set_title("drawing 64 and updating their priorities", loc="left")
     right.set(xlabel="frozen boosters", ylabel="time, as a multiple of that without any")
     right.set_title("GB-DQN on Acrobot", loc="left")
-    _save(figure, path)
+    save(figure, path)
 
 
 def learning_curves(runs, config, random_return, path):
@@ -79,7 +81,7 @@ def learning_curves(runs, config, random_return, path):
     axes.set_title(title, loc="left", pad=34)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
-    _save(figure, path)
+    save(figure, path)
 
 
 def study_curves(runs, config, random_return, path):
@@ -111,7 +113,74 @@ def study_curves(runs, config, random_return, path):
     figure.supylabel(f"return, mean of the last {SMOOTHING}", fontsize=10)
     what = "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random policy"
     figure.suptitle(f"{NAMES[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
-    _save(figure, path)
+    save(figure, path)
+
+
+def adaptation(summaries, config, path):
+    """Recovery and area after each drift of {agent: [summary per seed]}: every seed, and the median of each agent."""
+    count = len(next(iter(summaries.values()))[0]["regimes"])
+    regimes = drift.check_schedule(config.env, config.schedule)[1:count]
+    agents = [agent for agent in summaries if agent != "random"]
+    figure = Figure(figsize=(10, 6.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    above, below = figure.subplots(2, 1, sharex=True)
+    ends = [start for start, _, _ in regimes[1:]] + [config.episodes]
+    never = 1.15 * max(end - start for (start, _, _), end in zip(regimes, ends, strict=True))
+    for k, agent in enumerate(agents):
+        rows = list(zip(*(run["regimes"][1:] for run in summaries[agent]), strict=True))
+        for axes, key, censored in ((above, "recovery", never), (below, "area", np.nan)):
+            values = np.array([[censored if run[key] is None else run[key] for run in regime] for regime in rows])
+            x = np.arange(len(rows)) + (k + 0.5) / len(agents) * 0.8 - 0.4
+            axes.plot(x, values, ".", color=COLOURS[agent], alpha=0.4, markersize=6, markeredgewidth=0)
+            axes.plot(x, np.median(values, 1), MARKS[agent], color=COLOURS[agent], markersize=7, label=NAMES[agent])
+    above.axhline(never, color="0.7", linewidth=0.8, zorder=0)
+    above.text(len(regimes) - 0.5, never, "never ", ha="right", va="bottom", color="0.4")
+    above.set(ylabel="recovery, episodes", ylim=(0, 1.1 * never))
+    below.axhline(1, color="0.7", linewidth=0.8, zorder=0)
+    below.set(ylabel="area (0: random, 1: as before)", xlim=(-0.5, len(regimes) - 0.5))
+    labels = [("reset: " if event == "reset" else "") + drift.describe(factors, "\n") for _, factors, event in regimes]
+    below.set_xticks(range(len(regimes)), labels)
+    for axes in (above, below):
+        axes.spines[["top", "right"]].set_visible(False)
+    above.set_title(f"{NAMES[config.env]}, after each drift: dots are seeds, marks their medians", loc="left")
+    handles, names = above.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
+    save(figure, path)
+
+
+def value_maps(before, after, m):
+    """Q_{m−1} (n, n, 3), what the booster adds, and Q_m over MountainCar's plane (watch.plane), above their policies.
+
+    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy actions, and where
+    the booster changed them. Returns the figure.
+    """
+    figure = Figure(figsize=(10, 5.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    (top, bottom), greedy = figure.subplots(2, 3, sharex=True, sharey=True), after.argmax(-1)
+    added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
+    low, high = min(before.max(-1).min(), after.max(-1).min()), max(before.max(), after.max())
+    size = np.abs(added).max()
+    look = dict(origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest")
+    value = dict(cmap="viridis", vmin=low, vmax=high)
+    change = dict(cmap="PuOr", vmin=-size, vmax=size)
+    titles = (f"$\\max_a\\, Q_{m - 1}$", f"$\\alpha\\, h_{m}$, at $Q_{m}$'s action", f"$\\max_a\\, Q_{m}$")
+    pictures = zip(top, titles, (before.max(-1), added, after.max(-1)), (value, change, value), strict=True)
+    for axes, title, picture, colours in pictures:
+        figure.colorbar(axes.imshow(picture, **look, **colours), ax=axes)
+        axes.set_title(title, loc="left")
+    actions = dict(cmap=ListedColormap([OKABE_ITO[0], "0.9", OKABE_ITO[4]]), vmin=0, vmax=2)
+    bottom[0].imshow(before.argmax(-1), **look, **actions)
+    bottom[1].imshow(greedy != before.argmax(-1), **look, cmap="Greys", vmin=0, vmax=1)
+    bottom[2].imshow(greedy, **look, **actions)
+    what = (f"greedy in $Q_{m - 1}$", "where that changed (black)", f"greedy in $Q_{m}$")
+    for axes, title in zip(bottom, what, strict=True):
+        axes.set_title(title, loc="left")
+        axes.set_xlabel("position")
+    for row in (top, bottom):
+        row[0].set_ylabel("velocity, per step")
+    handles = [Patch(color=actions["cmap"](i), label=name) for i, name in enumerate(("left", "coast", "right"))]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
 
 
 def _smoothed(records):
@@ -135,10 +204,11 @@ def forest(final, path):
     axes.set_yticks(range(len(others)), [NAMES[agent] for agent in reversed(others)])
     axes.set_xlabel("final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)")
     axes.spines[["top", "right"]].set_visible(False)
-    _save(figure, path)
+    save(figure, path)
 
 
-def _save(figure, path):
+def save(figure, path):
+    """Write a figure as a PNG, atomically."""
     picture = io.BytesIO()
     figure.savefig(picture, dpi=120, format="png")
     write_atomically(path, lambda file: file.write(picture.getvalue()))
@@ -154,7 +224,6 @@ def _mark_regimes(axes, config):
             axes.axvspan(start, end, color="0.93", zorder=0)
         if start:
             axes.axvline(start, color="0.25", linewidth=1, linestyle="--")
-        changed = [f"{name.replace('_', ' ')} × {value:g}" for name, value in factors.items() if value != 1]
-        label = "\n".join(changed) or ("reset:\nstock physics" if event == "reset" else "stock physics")
+        label = ("reset:\n" if event == "reset" else "") + drift.describe(factors, "\n")
         middle, above = (start + end) / 2, axes.get_xaxis_transform()
         axes.text(middle, 1.01, label, transform=above, ha="center", va="bottom", fontsize=9)

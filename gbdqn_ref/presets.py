@@ -56,9 +56,10 @@ CARTPOLE = dict(  # ours (D13), all but α: the paper mentions CartPole in its c
     epsilon_end=0.02,
     epsilon_decay_steps=5_000,
     schedule=[
-        {"episode": 300, "gravity": 2.0},
-        {"episode": 400, "length": 2.0},
-        {"episode": 500, "reset": True},
+        {"episode": 300, "gravity": 3.0},
+        {"episode": 375, "length": 2.0},
+        {"episode": 450, "gravity": 3.0, "length": 2.0},
+        {"episode": 525, "reset": True},
     ],
 )
 HOPPER = dict(

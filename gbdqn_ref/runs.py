@@ -161,6 +161,16 @@ def read_config(out):
         raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
 
 
+def read_agent(out):
+    """(Config, agent) of the run in a folder, as its last checkpoint has it."""
+    config = read_config(out)
+    agent = make_agent(config)
+    if not (Path(out) / "checkpoint.npz").exists():
+        raise UsageError(f"the run in {out} has no checkpoint.npz yet; let it go on with train --resume")
+    checkpoint.load(Path(out) / "checkpoint.npz", agent)
+    return config, agent
+
+
 def read_summary(out):
     """summary.json as a dict."""
     return read_json(Path(out) / "summary.json", "regimes", "final_return", "random_return")

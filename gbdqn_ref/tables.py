@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from . import plots, stats
+from . import drift, plots, stats
 from .effect import HURTS
 
 RANDOM = "random policy, stock physics"
@@ -81,8 +81,8 @@ def _decimals(x):
 
 def _label(row, config):
     entry = next((entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {})
-    changed = [f"{name} × {value:g}" for name, value in entry.items() if name not in ("episode", "reset")]
-    return f"{row['regime']}  {', '.join(changed) or 'stock physics'}"
+    factors = {name: value for name, value in entry.items() if name not in ("episode", "reset")}
+    return f"{row['regime']}  {drift.describe(factors)}"
 
 
 def _drop(row):

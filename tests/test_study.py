@@ -72,7 +72,8 @@ def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
 def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(tmp_path, sequential, capsys):
     for _ in range(2):
         assert main(command(tmp_path / "out")[3:]) == 0
-        pictures = {name: (tmp_path / "out" / name).read_bytes() for name in ("curves.png", "forest.png")}
+        names = ("curves.png", "adaptation.png", "forest.png")
+        pictures = {name: (tmp_path / "out" / name).read_bytes() for name in names}
         assert all(picture.startswith(b"\x89PNG") for picture in pictures.values())
         assert contents(tmp_path / "out") == sequential | pictures
         ages = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/*")}
