@@ -13,6 +13,12 @@ HEADER = "| | claim | place | verdict | what decides it | functions | check |\n|
 FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "check")
 NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
+        "T3-i",
+        "P(i) converges as the empirical TD errors do",
+        "Theorem 3",
+        "a limit over a growing set of transitions, and no norm is given in which P would converge",
+    ),
+    (
         "X11",
         "CartPole was among the benchmarks",
         "section Conclusion",

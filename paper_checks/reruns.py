@@ -1,60 +1,102 @@
-"""The paper's tables beside ours, from the stored results of a study. `--ledger` writes them into results/README.md."""
+"""Our reruns of the paper's tables, from the stored results of studies. `--ledger` writes them into results/README.md.
 
+python paper_checks/reruns.py acrobot results/acrobot      stores what a study left, without its spaces
+"""
+
+import hashlib
 import json
+import sys
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 
 from gbdqn_ref import plots
 from gbdqn_ref.stats import bootstrap_interval, forgetting, iqm, mean_std, median_recovery, paired_difference
 
 FOLDER = Path(__file__).with_name("results")
-COLUMNS = (
-    "",
-    "paper",
-    "ours: mean ± std",
-    "IQM [95 %]",
-    "minus DQN's, paired [95 %]",
-    "area per drift",
-    "recovered after",
-    "forgotten",
-)
-HEADER = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}\n"
+STUDIES = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}
+READINGS = {  # of GB-DQN: what replaces the preset's setting; the first is the preset's own
+    "": {},
+    "live-h": {"loss_on": "h"},
+    "live-closed": {"loss_on": "h", "alpha": "closed-form"},
+    "frozen-alpha_h": {"target": "frozen"},
+    "frozen-h": {"target": "frozen", "loss_on": "h"},
+    "frozen-closed": {"target": "frozen", "loss_on": "h", "alpha": "closed-form"},
+}
+MEASURED = ("ours: mean ± std", "IQM [95 %]")
+LATER = ("area per drift", "recovered after", "forgotten")
 
 
-def stored(env):
-    """What the study of this environment left in results.json."""
-    return json.loads((FOLDER / f"{env}.json").read_text(encoding="utf-8"))
+def stored(name):
+    """What a study left in results.json."""
+    return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def table(results, printed):
     """A row per method: final return, and what its runs say of each drift; the paper printed {agent: (mean, std)}."""
     runs = {agent: [run for run in results["runs"] if run["agent"] == agent] for agent in results["agents"]}
     final = {agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()}
-    lines = []
-    for agent, rows in runs.items():
+    rows = []
+    for agent in runs:
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
-        low, high = bootstrap_interval(final[agent], np.random.default_rng(0))
-        cells = [plots.NAMES[agent], paper, "{:.1f} ± {:.1f}".format(*mean_std(final[agent]))]
-        cells += [f"{iqm(final[agent]):.1f} [{low:.1f}, {high:.1f}]", _difference(final, agent)]
-        lines.append("| " + " | ".join(cells + _drifts(rows)) + " |\n")
-    return HEADER + "".join(lines)
+        difference = _difference(final[agent], final["dqn"]) if agent != "dqn" else "0"
+        rows.append([plots.NAMES[agent], paper, *_final(final[agent]), difference, *_drifts(runs[agent])])
+    return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
 
-def _difference(final, agent):
-    if agent == "dqn":
-        return "0"
-    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*paired_difference(final[agent], final["dqn"], np.random.default_rng(0)))
+def readings(env):
+    """A row per reading of GB-DQN, against the preset's own on the same seeds."""
+    rows, own = [], None
+    for name in READINGS:
+        results = stored(f"{env}-{name}" if name else env)
+        runs = [run for run in results["runs"] if run["agent"] == "gbdqn"]
+        final = np.array([run["final_return"] for run in runs])
+        own = final if own is None else own
+        setting = results["settings"] | READINGS[name]
+        alpha = "the α of Eq. 8" if setting["alpha"] == "closed-form" else f"α = {setting['alpha']}"
+        label = f"{setting['target']} target, {'h' if setting['loss_on'] == 'h' else 'α h'} fitted, {alpha}"
+        rows.append([label, *_final(final), _difference(final, own) if name else "0", *_drifts(runs)])
+    return _markdown(["", *MEASURED, "minus the first row's, paired [95 %]", *LATER], rows)
+
+
+def fingerprint():
+    """What decides the last bits of a run: NumPy's and Gymnasium's version, and what this machine's kernels compute."""
+    x = np.random.default_rng(0).normal(size=(64, 129)).astype(np.float32)
+    kernels = [x.T @ x, x[:, :7] @ x[:7, :3], x[:1] @ x.T, np.exp(x), np.log1p(np.abs(x)), np.sqrt(np.abs(x))]
+    digest = hashlib.sha256(b"".join(result.tobytes() for result in kernels)).hexdigest()[:16]
+    return {"numpy": np.__version__, "gymnasium": gymnasium.__version__, "kernels": digest}
+
+
+def _markdown(columns, rows):
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def _final(final):
+    low, high = bootstrap_interval(final, np.random.default_rng(0))
+    return ["{:.1f} ± {:.1f}".format(*mean_std(final)), f"{iqm(final):.1f} [{low:.1f}, {high:.1f}]"]
+
+
+def _difference(final, other):
+    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*paired_difference(final, other, np.random.default_rng(0)))
 
 
 def _drifts(rows):
     """Area and recovery per drift, the median run's; what is lost of each earlier regime at the end, the mean run's."""
     regimes = list(zip(*(run["regimes"][1:] for run in rows), strict=True))
-    areas = [[row["area"] for row in regime if row["area"] is not None] for regime in regimes]
-    times = [median_recovery([row["recovery"] for row in regime]) for regime in regimes]
+    known = [[row for row in regime if row["area"] is not None] for regime in regimes]
+    areas = [f"{np.median([row['area'] for row in regime]):.2f}" if regime else "–" for regime in known]
+    times = [_time(median_recovery([row["recovery"] for row in regime])) if regime else "–" for regime in known]
     lost = np.mean([forgetting(run["evaluation"]) for run in rows], axis=0)
-    return [
-        ", ".join(f"{np.median(area):.2f}" if area else "–" for area in areas),
-        ", ".join("never" if time is None else f"{time:g}" for time in times),
-        ", ".join(f"{x:.0f}" for x in lost),
-    ]
+    return [", ".join(areas), ", ".join(times), ", ".join(f"{x:.0f}" for x in lost)]
+
+
+def _time(episodes):
+    return "never" if episodes is None else f"{episodes:g}"
+
+
+if __name__ == "__main__":
+    name, folder = sys.argv[1:]
+    content = json.loads((Path(folder) / "results.json").read_text(encoding="utf-8"))
+    (FOLDER / f"{name}.json").write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")

@@ -8,42 +8,97 @@ import pytest
 import reruns
 from test_experiments import TABLES
 
+from gbdqn_ref import runs
 from gbdqn_ref.config import Config
 from gbdqn_ref.train import run
 
 PAGE = reruns.FOLDER / "README.md"
+SHORT = reruns.FOLDER / "short.json"
 NAMES = {"dqn": "DQN", "gbdqn": "GB-DQN", "ensemble": "Ensemble", "reset": "Reset", "sliding": "Sliding"}
-RERUN = {"acrobot": "Acrobot"}
+READ = ("acrobot", "mountaincar")  # the environments on which the readings of GB-DQN were run
+SECTIONS = [*reruns.STUDIES, *(f"{env}-readings" for env in READ)]
 
 
-@pytest.mark.parametrize("env", RERUN)
-def test_the_page_has_the_table_that_the_results_give(env, request):
-    printed = {agent: TABLES[RERUN[env]][name] for agent, name in NAMES.items()}
-    begin, end = f"<!-- {env} -->\n\n", f"\n<!-- end of {env} -->"
-    page, text = PAGE.read_text(encoding="utf-8"), reruns.table(reruns.stored(env), printed)
+def section_table(section):
+    if section.endswith("-readings"):
+        return reruns.readings(section.removesuffix("-readings"))
+    paper = TABLES.get(reruns.STUDIES[section])
+    printed = {agent: paper[name] for agent, name in NAMES.items()} if paper else {}
+    return reruns.table(reruns.stored(section), printed)
+
+
+def settings(env, **changes):
+    """The settings of a preset as results.json has them."""
+    values = Config.preset(env, **changes).to_dict()
+    return {key: values[key] for key in values if key not in ("agent", "seed", "replay")}
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_the_page_has_the_table_that_the_results_give(section, request):
+    begin, end = f"<!-- {section} -->\n\n", f"\n<!-- end of {section} -->"
+    page, text = PAGE.read_text(encoding="utf-8"), section_table(section)
     if request.config.getoption("--ledger"):
         PAGE.write_text(page.split(begin)[0] + begin + text + end + page.split(end)[1], encoding="utf-8")
     else:
         assert page.split(begin)[1].split(end)[0] == text
 
 
-@pytest.mark.parametrize("env", RERUN)
+@pytest.mark.parametrize("env", reruns.STUDIES)
 def test_the_results_are_those_of_the_preset(env):
-    """All agents, five seeds, every setting as Config.preset has it today."""
+    """All agents that were promised, all seeds, every setting as Config.preset has it today."""
     results = reruns.stored(env)
-    settings = Config.preset(env).to_dict()
-    assert results["settings"] == {key: settings[key] for key in settings if key not in ("agent", "seed", "replay")}
-    assert results["seeds"] == [0, 1, 2, 3, 4]
-    assert len(results["runs"]) == 5 * len(results["agents"])
+    agents, seeds = (("gbdqn", "dqn", "random"), 3) if env == "hopper-long" else (runs_of("acrobot"), 5)
+    assert results["settings"] == settings(env)
+    assert results["seeds"] == list(range(seeds)) and set(results["agents"]) == set(agents)
+    assert sorted((row["agent"], row["seed"]) for row in results["runs"]) == sorted(
+        (agent, seed) for agent in agents for seed in range(seeds)
+    )
 
 
-@pytest.mark.parametrize("env", RERUN)
+def runs_of(env):
+    return {row["agent"] for row in reruns.stored(env)["runs"]}
+
+
+@pytest.mark.parametrize("env", READ)
+@pytest.mark.parametrize("name", [name for name in reruns.READINGS if name])
+def test_the_readings_differ_from_the_preset_by_what_they_say(env, name):
+    results = reruns.stored(f"{env}-{name}")
+    assert results["settings"] == settings(env, **reruns.READINGS[name])
+    assert [row["seed"] for row in results["runs"]] == results["seeds"] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("env", ["acrobot", "mountaincar"])
 def test_the_random_runs_can_be_repeated_here(env):
     """They use no matrix product, so they give the same numbers on every machine."""
     stored = [row for row in reruns.stored(env)["runs"] if row["agent"] == "random" and row["seed"] == 0]
     episodes = list(run(Config.preset(env, agent="random", seed=0)))
     assert np.mean([record["return"] for record in episodes[-50:]]) == stored[0]["final_return"]
     assert episodes[-1]["evaluation"] == stored[0]["evaluation"][-1]
+
+
+def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
+    """To the byte where the machine computes alike; elsewhere in its config, columns and all before learning starts."""
+    config = Config(episodes=40, learning_starts=200, hidden=[16], schedule=[{"episode": 20, "length": 2.0}], seed=1)
+    runs.train(config, tmp_path / "run", quiet=True)
+    csv = (tmp_path / "run" / "episodes.csv").read_text()
+    made = {"fingerprint": reruns.fingerprint(), "config": config.to_dict(), "episodes.csv": csv.splitlines()}
+    if request.config.getoption("--ledger"):
+        runs.write_json(SHORT, made)
+    stored = runs.read_json(SHORT, *made)
+    assert stored["config"] == made["config"]
+    untaught = sum(int(line.split(",")[5]) < config.learning_starts for line in made["episodes.csv"][1:])
+    assert 3 < untaught < 20
+    same = None if stored["fingerprint"] == made["fingerprint"] else 1 + untaught
+    assert stored["episodes.csv"][:same] == made["episodes.csv"][:same]
+    assert len(stored["episodes.csv"]) == 1 + config.episodes
+
+
+def test_control_the_record_has_more_than_what_precedes_learning():
+    """Negative control: another seed of the network's generator gives other lines, before and after learning starts."""
+    stored = runs.read_json(SHORT, "config", "episodes.csv")
+    other = list(run(Config.from_dict(stored["config"] | {"seed": 2})))
+    returns = [float(line.split(",")[3]) for line in stored["episodes.csv"][1:]]
+    assert [record["return"] for record in other[:5]] != returns[:5]
 
 
 def test_control_the_table_changes_with_a_result():
@@ -54,12 +109,12 @@ def test_control_the_table_changes_with_a_result():
     assert reruns.table(results, {}) != before
 
 
-@pytest.mark.parametrize("env", RERUN)
-def test_the_text_states_no_number_that_the_table_does_not_give(env):
+@pytest.mark.parametrize("section", SECTIONS)
+def test_the_text_states_no_number_that_the_table_does_not_give(section):
     """Whatever has a decimal or a sign; whole numbers of episodes are in words of the table or of the preset."""
-    section = PAGE.read_text(encoding="utf-8").split(f"<!-- {env} -->")[1]
-    table, prose = section.split(f"<!-- end of {env} -->")
-    numbers = re.findall(r"[-+]?\d+\.\d+", prose.split("\n## ")[0])
-    assert len(numbers) > 5
+    page = PAGE.read_text(encoding="utf-8").split(f"<!-- {section} -->")[1]
+    table, prose = page.split(f"<!-- end of {section} -->")
+    numbers = re.findall(r"[-+]?\d+\.\d+", re.split(r"\n##|<!--", prose)[0])
+    assert numbers, "a table without a word on what it says"
     for number in numbers:
         assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", table) or f"-{number} [" in table, number
