@@ -8,6 +8,7 @@ Letters: e = ‖Q − Q*‖∞ with the new Q*, κ the factor of e that a perfec
 """
 
 from fractions import Fraction as F
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,6 +51,7 @@ def q_table(agent):
     return agent.q(np.eye(STATES, dtype=np.float32))
 
 
+@cache  # a few checks look at the same run
 def after_drift(**reading):
     """(Q when the drift comes, Q when the booster that it added is folded in, the residuals' operator)."""
     agent = new_agent(**reading)
@@ -388,7 +390,9 @@ def test_the_chain_needs_as_many_boosters_as_the_news_needs_steps_and_more():
     untouched = np.flatnonzero((chain_optimum(0) == Q).all(-1))
     assert untouched.tolist() == [3, 4, 5, 6, 7]
     assert [boosts_until_right(LETTER), boosts_until_right(DAMPED)] == [18, 129]
-    shows("exact, γ = 0.99: greedy right everywhere from booster 18, with η = 0.1 129; after 3, states 3–7 untouched")
+    shows(
+        "exact, γ = 0.99: greedy right everywhere first after booster 18, with η = 0.1 129; after 3, states 3–7 are untouched"
+    )
 
 
 def boosts_until_right(reading):
@@ -451,10 +455,8 @@ def test_the_lag_is_never_worse_than_that(seed, gamma, eta, reading):
 
 @control("B10")
 def test_control_a_live_target_keeps_up():
-    """Negative control: where one booster reaches Q*, no error is left to add up; halfway there, 7/8 Δ are."""
+    """Negative control: where one booster reaches the new Q*, no error is left to add up."""
     assert errors_under_drifts(LIVE, 0) == [0, 0, 0]
-    halfway = [boost(LIVE_DAMPED, loop(1, GAMMA_99), number(0), F(1, 2))]
-    assert error(loop(1, GAMMA_99), halfway[0]) == 50
 
 
 @claim(
@@ -478,10 +480,9 @@ def test_the_steps_must_sum_to_infinity(seed, gamma, alphas):
     for alpha in alphas:
         Q = boost(DAMPED, mdp, Q, alpha)
     assert error(mdp, Q) <= bound + 1e-9 * (abs(Q).max() + 10)
-    assert errors_with_steps([F(2, (j + 1) ** 2) for j in range(1, 51)]) == [
-        F(m + 2, 2 * (m + 1)) for m in range(1, 51)
-    ]
-    assert errors_with_steps([F(2, j + 1) for j in range(1, 51)]) == [F(1, m + 1) for m in range(1, 51)]
+    m = range(1, 51)
+    assert errors_with_steps([F(2, (j + 1) ** 2) for j in m]) == [F(k + 2, 2 * (k + 1)) for k in m]
+    assert errors_with_steps([F(2, j + 1) for j in m]) == [F(1, k + 1) for k in m]
     shows("loop, γ = ½, e_0 = 1: α_m = 2/(m + 1)² leaves (m + 2)/(2m + 2) → ½, α_m = 2/(m + 1) leaves 1/(m + 1) → 0")
 
 
