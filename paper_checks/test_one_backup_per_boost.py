@@ -391,7 +391,7 @@ def test_the_chain_needs_as_many_boosters_as_the_news_needs_steps_and_more():
     assert untouched.tolist() == [3, 4, 5, 6, 7]
     assert [boosts_until_right(LETTER), boosts_until_right(DAMPED)] == [18, 129]
     shows(
-        "exact, γ = 0.99: greedy right everywhere first after booster 18, with η = 0.1 129; after 3, states 3–7 are untouched"
+        "exact, γ = 0.99: right everywhere first after 18 boosters, with η = 0.1 129; after 3, states 3–7 are untouched"
     )
 
 
