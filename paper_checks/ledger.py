@@ -19,6 +19,12 @@ NOT_CHECKABLE = (  # (id, claim, place, reason)
         "a limit over a growing set of transitions, and no norm is given in which P would converge",
     ),
     (
+        "A7",
+        "a booster has been trained when it is added",
+        "Algorithm 1, lines 3 and 29",
+        "it is added after max-episodes, of which no value is given; what it misses then is the ε of T4-d",
+    ),
+    (
         "X11",
         "CartPole was among the benchmarks",
         "section Conclusion",
