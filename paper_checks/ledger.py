@@ -13,6 +13,12 @@ HEADER = "| | claim | place | verdict | what decides it | functions | check |\n|
 FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "check")
 NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
+        "T2-n",
+        "F, F_m, Q and Q_m, 𝒯 and 𝒯* are used for one another",
+        "Theorem 2, proof",
+        "notation; the checks read all as Q_m and 𝒯*",
+    ),
+    (
         "T3-i",
         "P(i) converges as the empirical TD errors do",
         "Theorem 3",

@@ -268,3 +268,183 @@ def test_control_without_noise_the_two_agree():
     """Negative control: for a deterministic reward the squared TD error is E_μ."""
     mdp, Q = loops((F(3),), F(1, 2)), row(2)
     assert mdp.bellman_error(Q, row(1)) == (3 + F(1, 2) * 2 - 2) ** 2
+
+
+def test_countably_many_states_with_all_of_them_in_mu_are_not_enough():
+    """k → k + 1 without reward, γ = 0.9, μ_k = 2^{−(k+1)}, Q_m(k) = 0.9^{−k} up to k = m: E → 0, and Q_m(0) = 1 stays.
+
+    The residual is 0 but at k = m, where it is −0.9^{−m}: E_m = 2^{−(m+1)} 0.81^{−m}. Cut off at 80 states.
+    """
+    P = np.zeros((81, 1, 81))
+    P[np.arange(80), 0, np.arange(1, 81)] = P[80, 0, 80] = 1
+    mdp, mu = MDP(P, np.zeros((81, 1)), 0.9), 0.5 ** np.arange(1, 82)[:, None]
+    errors = []
+    for m in (10, 30, 60):
+        Q = np.where(np.arange(81) <= m, 0.9 ** -np.arange(81.0), 0)[:, None]
+        errors.append(mdp.bellman_error(Q, mu))
+        assert Q[0, 0] == 1 and mdp.q_star()[0, 0] == 0
+        assert errors[-1] == pytest.approx(0.5 ** (m + 1) * 0.81**-m, rel=1e-9)
+    assert errors[-1] < 1e-12
+
+
+@claim(
+    "T2-g",
+    place="Theorem 2, proof",
+    says="a falling sequence that is bounded below converges",
+    verdict="holds",
+    uses="tabular.MDP",
+)
+@pytest.mark.parametrize("boosts", [2, 10, 30])
+def test_the_falling_errors_do_converge(boosts):
+    """To their infimum, not to 0: of T2-a's sequence the m-th error is ((m + 1)/2m)², within 1/m of ¼."""
+    _, errors = shrinking_steps(boosts)
+    assert errors[-1] == F(boosts + 1, 2 * boosts) ** 2
+    assert 0 < errors[-1] - F(1, 4) < F(1, boosts)
+    shows("E_m = ((m + 1)/2m)² falls to its infimum ¼")
+
+
+@claim(
+    "T2-h",
+    place="Theorem 2, proof",
+    says="were the limit positive, one more step would lower it, a contradiction",
+    verdict="fails: a step that lowers E_m below E_m need not lower it below the limit",
+    uses="tabular.MDP",
+)
+@pytest.mark.parametrize("boosts", [2, 10, 30])
+def test_each_further_step_lowers_it_and_none_reaches_the_limit(boosts):
+    """At every m the next step lowers E, and it ends above ¼: no contradiction with a limit of ¼."""
+    _, errors = shrinking_steps(boosts + 1)
+    assert F(1, 4) < errors[-1] < errors[-2]
+    shows("of T2-a's sequence: E_{m+1} < E_m and E_{m+1} > ¼ at every m")
+
+
+@control("T2-g", "T2-h")
+def test_control_steps_of_a_fixed_part_do_pass_every_positive_level():
+    """Negative control: if each step takes a fixed part, as here with α = 1, no positive number is a limit."""
+    mdp, Q = loops((0,), F(1, 2)), row(2)
+    for _ in range(3):
+        Q = Q + mdp.residual(Q)
+    assert mdp.bellman_error(Q, row(1)) == F(1, 64) < F(1, 4)
+
+
+@claim(
+    "T2-j",
+    place="Theorem 2",
+    says="E_μ is a functional on L2(μ)",
+    verdict="fails: 𝒯 looks where μ does not, so functions that are equal in L2(μ) have different E_μ",
+    uses="tabular.MDP.bellman_error",
+)
+def test_equal_functions_have_different_errors():
+    """μ on the first of two loops: Q = (9, 0) and (9, 10) are equal μ-almost everywhere."""
+    mdp, mu = loops((0, 0), F(9, 10)), row(1, 0)
+    assert mdp.bellman_error(row(9, 0), mu) == F(81, 100)
+    assert mdp.bellman_error(row(9, 10), mu) == 0
+    shows("μ = (1, 0), r = 0, γ = 0.9: E(9, 0) = 0.81, E(9, 10) = 0")
+
+
+@control("T2-j")
+def test_control_with_every_pair_in_mu_equal_functions_are_equal():
+    mdp, mu = loops((0, 0), F(9, 10)), row(F(1, 2), F(1, 2))
+    assert mdp.bellman_error(row(9, 0), mu) != mdp.bellman_error(row(9, 10), mu)
+    assert (row(9, 0) != row(9, 10)).any()
+
+
+@claim(
+    "T2-l",
+    place="Theorem 2",
+    says="μ may be the distribution of the replay buffer",
+    verdict="holds if it stands still; a μ that changes can undo each step by the next",
+    uses="tabular.MDP.bellman_error",
+)
+def test_a_changing_mu_can_go_round_in_circles():
+    """γ = 0, targets (1, 1), learners w · (1, −1): fitted to the first pair w = 1, to the second w = −1, and so on."""
+    mdp, phi, w = loops((1, 1), 0), row(1, -1), F(0)
+    for m in range(6):
+        mu = row(1, 0) if m % 2 == 0 else row(0, 1)
+        before = mdp.bellman_error(w * phi, mu)
+        w += (mu * phi * mdp.residual(w * phi)).sum()  # the exact fit on this μ
+        assert mdp.bellman_error(w * phi, mu) == 0 < before
+        assert mdp.bellman_error(w * phi, row(1, 1)) == 4
+    shows("γ = 0, μ on either pair in turn: every step takes its own E_μ to 0, and w = 1, −1, 1, …")
+
+
+@control("T2-l")
+def test_control_with_a_fixed_mu_it_settles():
+    """Negative control: with both pairs in μ the best w is 0, found at once and kept."""
+    mdp, phi, w, mu = loops((1, 1), 0), row(1, -1), F(1), row(F(1, 2), F(1, 2))
+    for _ in range(3):
+        w += (mu * phi * mdp.residual(w * phi)).sum()
+        assert w == 0
+
+
+@claim(
+    "T2-o",
+    place="Theorem 2, proof",
+    says="what takes the place of the residual as a direction: d with d = g + 𝒯′(Q; d) lowers E_μ until Q = Q*",
+    verdict="holds if there are finitely many pairs and μ has them all: E_μ has no other local minimum",
+    uses="tabular.MDP",
+)
+@given(SEEDS, st.floats(0, 0.95))
+def test_newtons_direction_always_descends(seed, gamma):
+    """With one greedy action per state 𝒯′(Q; d) = γ P_π d, so d = (I − γ P_π)⁻¹ g, and E(Q + εd) = (1 − ε)² E(Q).
+
+    Proof: 𝒯(Q + εd) − Q − εd = g + ε(γ P_π d − d) = (1 − ε) g as long as no greedy action changes.
+    """
+    mdp, Q, mu = random_mdp(seed, gamma)
+    best = np.sort(Q, axis=1)
+    assume((best[:, -1] - best[:, -2]).min() > 1e-3)
+    g, greedy = mdp.residual(Q), np.eye(2)[Q.argmax(1)]
+    P_pi = (mdp.P[..., None] * greedy[None, None]).reshape(6, 6)
+    d = np.linalg.solve(np.eye(6) - gamma * P_pi, g.ravel()).reshape(3, 2)
+    step = 1e-4 / (1 + np.abs(d).max())  # no greedy action changes
+    change = mdp.bellman_error(Q + step * d, mu) / mdp.bellman_error(Q, mu)
+    assert change == pytest.approx((1 - step) ** 2, rel=1e-9)
+    shows("E(Q + εd) = (1 − ε)² E(Q) for small ε, d = (I − γP_π)⁻¹ g, on random MDPs")
+
+
+@control("T2-o")
+def test_control_the_residual_is_not_that_direction():
+    """Negative control: in the example of T2-d the residual's best step is 0, and Newton's takes E to 0 at once."""
+    mdp, Q = rising()
+    mu, g = row(F(1, 3), F(2, 3)), mdp.residual(Q)
+    P_pi = np.array([[0, 1], [0, 1]])  # the second action is greedy
+    d = np.linalg.solve(np.eye(2) - 0.9 * P_pi, g.ravel().astype(float))
+    assert mdp.bellman_error(Q.astype(float) + d, mu.astype(float)) == pytest.approx(0, abs=1e-12)
+    assert error_along(mdp, Q, mu, F(1, 100)) > mdp.bellman_error(Q, mu)
+
+
+@claim(
+    "T2-p",
+    place="Theorem 2, proof",
+    says="where the residual does descend: evaluating a fixed policy, with μ its stationary distribution",
+    verdict="holds",
+    uses="tabular.MDP",
+)
+@given(SEEDS, st.floats(0, 0.95))
+def test_policy_evaluation_descends_along_the_residual(seed, gamma):
+    """There ‖P_π x‖_μ ≤ ‖x‖_μ (Jensen, and μP = μ), so ‖g + α(γP − I)g‖² ≤ (1 − 2α(1 − γ) + α²(1 + γ)²) ‖g‖².
+
+    One action per state makes the MDP a policy. Least at α = (1 − γ)/(1 + γ)²: 1 − ((1 − γ)/(1 + γ))²; at α = 1
+    the residual is γ P g, so E falls to γ² E at least.
+    """
+    rng = np.random.default_rng(seed)
+    P = rng.dirichlet(np.ones(4), size=4)
+    mu = np.linalg.matrix_power(P, 200)[0]
+    mdp, Q = MDP(P[:, None], rng.normal(size=(4, 1)), gamma), rng.normal(size=(4, 1))
+    before = mdp.bellman_error(Q, mu[:, None])
+    for alpha, factor in (
+        ((1 - gamma) / (1 + gamma) ** 2, 1 - ((1 - gamma) / (1 + gamma)) ** 2),
+        (1, gamma**2),
+    ):
+        assert mdp.bellman_error(Q + alpha * mdp.residual(Q), mu[:, None]) <= factor * before * (1 + 1e-9) + 1e-12
+    shows("E falls to at most 1 − ((1 − γ)/(1 + γ))² of itself at α = (1 − γ)/(1 + γ)², to γ² at α = 1")
+
+
+@control("T2-p")
+def test_control_with_another_mu_it_can_rise():
+    """Negative control: s₀ → s₁ → s₁ and μ = (0.9, 0.1) is not stationary: at α = 1 E becomes 10 γ² of itself."""
+    mdp = MDP(np.array([[[0.0, 1.0]], [[0.0, 1.0]]]), np.zeros((2, 1)), 0.9)
+    Q = np.array([[0.9], [1.0]])  # residuals 0 and −0.1
+    mu = np.array([[0.9], [0.1]])
+    before, after = mdp.bellman_error(Q, mu), mdp.bellman_error(Q + mdp.residual(Q), mu)
+    assert before == pytest.approx(0.1 * 0.01) and after == pytest.approx(8.1 * before)
