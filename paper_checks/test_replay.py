@@ -1,6 +1,5 @@
-"""Eqs. 10–11, the importance weights and Theorem 3: what the mixed priorities are, and what they are not."""
+"""Eqs. 10–11 and the importance weights: what the mixed priorities are, and what they are not."""
 
-from fractions import Fraction as F
 from itertools import product
 
 import numpy as np
@@ -10,12 +9,6 @@ from hypothesis import strategies as st
 from ledger import claim, control, shows
 
 from gbdqn_ref.replay import RecencyReplay, importance_weights, mixed_priority, td_priority, time_priority
-
-MIXES = [F(0), F(1, 7), F(1, 2), F(9, 10), F(1)]
-
-
-def exact(*values):
-    return np.array([F(value) for value in values])
 
 
 def normalise(p):
@@ -79,31 +72,6 @@ def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
             replay.add(0.0, 0, 0.0, 0.0, False)
         shares.append(1 - replay.td_share())
     np.testing.assert_allclose(shares, (1 - np.exp(-3)) / 3 / (1 + (1 - np.exp(-3)) / 3), atol=0.005)
-
-
-@claim(
-    "T3-a",
-    place="Theorem 3",
-    says="the mixed rule samples in proportion to |δ| e^{−α(T − t)}",
-    verdict="fails: a sum is not a product, for whatever β",
-    uses="replay.mixed_priority, replay.td_priority",
-)
-@pytest.mark.parametrize("mix", MIXES)
-def test_theorem_3_fails_whatever_the_mix(mix):
-    """|δ| = (2, 1), e^{−α age} = (1, ½): P = (2/3, 1/3) for every β, and the ideal product is P* = (4/5, 1/5)."""
-    p_td, p_time = td_priority(exact(2, 1), 0, 1), exact(1, F(1, 2))
-    P, ideal = normalise(mixed_priority(p_td, p_time, mix)), normalise(p_td * p_time)
-    assert P.tolist() == [F(2, 3), F(1, 3)]
-    assert ideal.tolist() == [F(4, 5), F(1, 5)]
-    assert abs(P - ideal).sum() / 2 == F(2, 15)
-    shows("|δ| = (2, 1), e^{−α age} = (1, ½): P = (2/3, 1/3) for every β, the product (4/5, 1/5), 2/15 apart")
-
-
-@control("T3-a")
-def test_control_a_sum_can_equal_the_product():
-    """Negative control: |δ| = (1, 2), e^{−α age} = (1, ¼), β = 1/7 gives P = P* exactly, an accident of n = 2."""
-    p_td, p_time = td_priority(exact(1, 2), 0, 1), exact(1, F(1, 4))
-    assert (normalise(mixed_priority(p_td, p_time, F(1, 7))) == normalise(p_td * p_time)).all()
 
 
 def weighted_mean(P, f, exponent, normalise_by, batch_size):
