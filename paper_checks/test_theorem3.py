@@ -114,8 +114,8 @@ def test_the_distance_to_the_product_grows_to_1():
 def test_the_distance_to_the_product_is_bounded_from_below(seed, n, part, mix, rate, largest):
     """1 ≤ |δ| ≤ M: TV ≥ 1 − M e^{−αk} − (kM + (1 − β)/(β (1 − e^{−α})))/N for each k, and k = ln N / α sends it to 1.
 
-    For P*(newest k) − P(newest k) is no less. P* leaves the older ones M e^{−αk} at most, since theirs is at most e^{−αk}
-    of Σ τ. P gives the newest k at most (β k M + (1 − β) S_time)/(β N), and S_time ≤ 1/(1 − e^{−α}).
+    For P*(newest k) − P(newest k) is no less. P* leaves the older ones M e^{−αk} at most, since their Σ τ is so small.
+    P gives the newest k at most (β k M + (1 − β) S_time)/(β N), and S_time ≤ 1/(1 − e^{−α}).
     """
     delta = np.random.default_rng(seed).uniform(1, largest, n)
     k, replay = round(part * n), filled(delta, mix, rate)
