@@ -110,7 +110,7 @@ def test_the_distance_to_the_product_grows_to_1():
     )
 
 
-@given(SEEDS, st.integers(1, 3000), st.floats(0, 1), st.floats(0.01, 1), st.floats(0.01, 2), st.floats(1, 5))
+@given(SEEDS, st.integers(1, 3000), st.floats(0, 0.2), st.floats(0.01, 1), st.floats(0.01, 2), st.floats(1, 5))
 def test_the_distance_to_the_product_is_bounded_from_below(seed, n, part, mix, rate, largest):
     """1 ≤ |δ| ≤ M: TV ≥ 1 − M e^{−αk} − (kM + (1 − β)/(β (1 − e^{−α})))/N for each k, and k = ln N / α sends it to 1.
 
