@@ -19,12 +19,6 @@ NOT_CHECKABLE = (  # (id, claim, place, reason)
         "notation; the checks read all as Q_m and 𝒯*",
     ),
     (
-        "T3-i",
-        "P(i) converges as the empirical TD errors do",
-        "Theorem 3",
-        "a limit over a growing set of transitions, and no norm is given in which P would converge",
-    ),
-    (
         "A7",
         "a booster has been trained when it is added",
         "Algorithm 1, lines 3 and 29",
