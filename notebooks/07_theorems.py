@@ -249,10 +249,12 @@ assert fixed_part == [F(1, 4) ** m for m in range(12)]
 # %%
 stuck, Q, mu = loops(F(1, 10), F(21, 10), gamma=F(9, 10)), row(0, 1), row(F(1, 3), F(2, 3))
 g = stuck.residual(Q)
+report = []
 for alpha in (F(-1), F(-1, 10), F(0), F(1, 10), F(1)):
     E = stuck.bellman_error(Q + alpha * g, mu)
-    print(f"α = {float(alpha):4}   E = {float(E):g}")
+    report.append(f"α = {float(alpha):4}   E = {float(E):g}")
     assert 3 + F(24, 100) * alpha**2 == E
+print("\n".join(report))
 assert g.tolist() == [[1, 2]]
 assert np.allclose(MDP(np.ones((1, 2, 1)), stuck.r.astype(float), 0.9).q_star(), [[19, 21]])
 
@@ -393,13 +395,15 @@ def normalise(p):
 
 p_td, p_time = td_priority(row(2, 1)[0], 0, 1), row(1, F(1, 2))[0]
 ideal = normalise(p_td * p_time)
+report = []
 for mix in (F(0), F(1, 10), F(1, 2), F(9, 10), F(1)):
     P = normalise(mixed_priority(p_td, p_time, mix))
     naive = [mix * d + (1 - mix) * t for d, t in zip(p_td, p_time, strict=True)]  # Eq. 10, one number at a time
     assert P.tolist() == [p / sum(naive) for p in naive]
-    print(f"β = {float(mix):.1f}   P =", *P)
+    report.append(f"β = {float(mix):.1f}   P = {P[0]} {P[1]}")
     assert P.tolist() == [F(2, 3), F(1, 3)]
-print("ideal     P* =", *ideal, "  half the total difference:", abs(P - ideal).sum() / 2)
+report.append(f"ideal     P* = {ideal[0]} {ideal[1]}   half the total difference: {abs(P - ideal).sum() / 2}")
+print("\n".join(report))
 assert abs(P - ideal).sum() / 2 == F(2, 15)
 
 # %% [markdown]
@@ -463,8 +467,10 @@ def variance(f, P):
 rules = {f"β = {b}": normalise(mixed_priority(p_td, p_time, b)) for b in (F(1, 5), F(1, 2), F(1))}
 rules["P*"] = normalise(p_td * p_time)
 aged, plain = ({name: variance(f, P) for name, P in rules.items()} for f in (p_td * p_time, p_td))
+report = []
 for name in rules:
-    print(f"{name:8} V = {float(aged[name]):7.4f} for |δ| · recency, {float(plain[name]):7.4f} for |δ|")
+    report.append(f"{name:8} V = {float(aged[name]):7.4f} for |δ| · recency, {float(plain[name]):7.4f} for |δ|")
+print("\n".join(report))
 # No: the best P is proportional to |f|. P* wins for the first f, and for the second, which the importance weights
 # w = 1/(N P) of GB-DQN estimate, PER (β = 1) wins and P* is the worst of the four.
 assert aged["P*"] == 0 and aged["β = 1/5"] == F(1, 10)
