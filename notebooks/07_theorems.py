@@ -115,7 +115,7 @@ print(f"{before:g} falls to {after:g}")
 
 # %% [markdown]
 # So the identity holds: of a *frozen* target the residual falls by exactly A²/B (claim T1-a). Nothing in it knows that
-# $h_m$ is the best fit; any $h_m$ with A ≠ 0 will do.
+# $h_m$ is the best fit; any $h_m$ with A ≠ 0 will do. (A best fit in a linear class has α = 1 anyway: claim T1-f.)
 #
 # But the theorem's title speaks of the *Bellman* residual, and its target $y = r + \gamma \max Q$ is computed from Q.
 # When Q moves, y moves.
@@ -236,9 +236,9 @@ assert fixed_part == [F(1, 4) ** m for m in range(12)]
 # $$Q_m = 2 \prod_{k=1}^{m} \Big(1 - \frac{1}{(k+1)^2}\Big) = \frac{m+2}{m+1} \;\to\; 1, \qquad
 #   E = (Q/2)^2 \to \tfrac14 .$$
 #
-# A walk whose steps shrink fast enough never arrives. A fall *by a fixed part*, $E_m \le (1-c)E_{m-1}$ with one c > 0,
-# does reach 0: $(1-c)^m$ is a geometric sequence. With α = 1 the same loop keeps γ² = ¼ of its error at each step (the
-# end of the cell).
+# A walk whose steps shrink fast enough never arrives: each step lowers E, and none lowers it below ¼ (claim T2-h). A
+# fall *by a fixed part*, $E_m \le (1-c)E_{m-1}$ with one c > 0, does reach 0, since $(1-c)^m$ is a geometric sequence.
+# With α = 1 the same loop keeps γ² = ¼ of its error at each step (the end of the cell).
 #
 # Now the first link. Is the residual downhill?
 #
@@ -255,6 +255,8 @@ for alpha in (F(-1), F(-1, 10), F(0), F(1, 10), F(1)):
     report.append(f"α = {float(alpha):4}   E = {float(E):g}")
     assert 3 + F(24, 100) * alpha**2 == E
 print("\n".join(report))
+for alpha in (F(-2), F(-5)):  # below −1 the other action is greedy, and E is larger still
+    assert stuck.bellman_error(Q + alpha * g, mu) == F(81, 100) * (1 - alpha) ** 2 > 3
 assert g.tolist() == [[1, 2]]
 assert np.allclose(MDP(np.ones((1, 2, 1)), stuck.r.astype(float), 0.9).q_star(), [[19, 21]])
 
@@ -409,7 +411,7 @@ assert abs(P - ideal).sum() / 2 == F(2, 15)
 # %% [markdown]
 # None (claim T3-a). Both ingredients prefer the first transition 2 : 1, so every mixture does; only a product makes
 # 4 : 1 of it. In general a mixture's ratio $P_1 : P_2$ lies *between* the ratios of its ingredients, and where both are
-# above 1 their product lies outside.
+# above 1 their product lies outside (claim T3-k).
 #
 # A larger buffer makes it worse, not better (claim T3-b). Recency adds up to at most $1/(1-e^{-\alpha})$, however old
 # the data, while $\sum|\delta|$ grows with N. So the rule tends to plain prioritised replay *without* recency, and the
@@ -450,7 +452,7 @@ plt.show()
 
 # %% [markdown]
 # Left, with recencies (1, ½), and (1, ¼) for the last pair: the lines cannot reach their diamonds, except where |δ| and
-# recency disagree (the circle, β = 1/7), which is an accident of having two transitions only.
+# recency disagree (the circle, β = 1/7; claim T3-c), which is an accident of having two transitions only.
 #
 # **Exercise 3.** The second half of the theorem is about the variance of the estimate of $\sum_i f_i$ from one draw,
 # $V(P) = \sum f_i^2/P_i - (\sum f_i)^2$. Take |δ| = (1, 2, 4), recencies (1, ½, ¼). For f = |δ| · recency and for
