@@ -323,7 +323,7 @@ assert np.isclose(((residual - 0.1 * A / B * h) ** 2).sum(), before - 0.19 * A**
 # The triangle stands at twice the best α: there the loss is what it was without the booster. Any α between 0 and that
 # point is an improvement, any other makes things worse. Move it:
 
-# %%
+# %% tags=["slider"]
 from ipywidgets import FloatSlider, interact
 
 _ = interact(parabola, chosen=FloatSlider(value=2 * A / B, min=-0.4, max=1.6, step=0.05, description="α"))

@@ -195,7 +195,7 @@ def picture(mix, rate):
 
 picture(0.3, 0.01)
 
-# %%
+# %% tags=["slider"]
 from ipywidgets import FloatLogSlider, FloatSlider, interact
 
 _ = interact(

@@ -2,6 +2,7 @@
 
 import inspect
 import os
+from textwrap import dedent
 
 import matplotlib.pyplot as plt
 from IPython.display import Markdown, display
@@ -30,4 +31,4 @@ def source(*things):
     """Show the source of functions, methods or classes, as the installed package has it."""
     for thing in things:
         name = f"{thing.__module__}.{thing.__qualname__}"
-        display(Markdown(f"`{name}`\n```python\n{inspect.cleandoc(inspect.getsource(thing))}\n```"))
+        display(Markdown(f"`{name}`\n```python\n{dedent(inspect.getsource(thing)).rstrip()}\n```"))
