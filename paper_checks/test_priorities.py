@@ -1,4 +1,7 @@
-"""What the priorities do to the data: which transitions are drawn as a drift passes, and what that biases."""
+"""Replay, claim by claim: what is unbiased, whom the priorities favour, what their clock and their sum need.
+
+The mixture of Eqs. 10–11, Theorem 3 and the importance weights are in test_replay.py.
+"""
 
 from fractions import Fraction as F
 
@@ -8,364 +11,506 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ledger import claim, control, shows
 
-from gbdqn_ref.bellman import td_target
+from gbdqn_ref.bellman import loss_gradient, td_target
 from gbdqn_ref.drift import make
 from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.replay import (
     ProportionalReplay,
     RecencyReplay,
     importance_weights,
+    mixed_priority,
     td_priority,
     time_priority,
 )
 from gbdqn_ref.tabular import MDP
 from gbdqn_ref.train import Config
 
-SEEDS = st.integers(0, 10**6)
-OFFSET, EXPONENT = 0.01, 0.6
+
+def exact(*values):
+    return np.array([F(value) for value in values])
 
 
 def normalise(p):
     return p / p.sum()
 
 
-def loops(rewards, gamma):
-    """One state whose actions all stay in it, for these rewards."""
-    return MDP(np.full((1, len(rewards), 1), F(1)), np.array([[F(r) for r in rewards]]), gamma)
-
-
-def filled(replay, n):
-    for _ in range(n):
-        replay.add(0.0, 0, 0.0, 0.0, False)
+def filled(replay, rewards):
+    """The replay after a loop of one state and one action has paid these rewards."""
+    for reward in rewards:
+        replay.add(0.0, 0, reward, 0.0, False)
     return replay
+
+
+def loop(reward):
+    """One state, one action that stays in it: Q* = 10 · reward."""
+    return MDP(np.array([[[F(1)]]]), np.array([[F(reward)]]), F(9, 10))
+
+
+# What off-policy learning excuses
 
 
 @claim(
     "R1",
-    place="section Replay",
-    says="one-step Q-learning needs no correction for the behaviour that made the data",
-    verdict="holds if Q is fixed and the MDP stands still: E[y | s, a] = 𝒯Q(s, a) whoever chose a",
+    place="section Recency and TD-error",
+    says="data of any behaviour policy will do for one-step Q-learning",
+    verdict="holds if Q stands still and all of the data have the same physics",
     uses="bellman.td_target, tabular.MDP.bellman",
 )
-@given(SEEDS, st.floats(0, 0.99))
-def test_the_expected_target_is_the_backup(seed, gamma):
-    """y depends on (s, a) and on where the world leads, not on how likely a was: no behaviour occurs in the sum."""
+@given(st.integers(0, 10**6))
+def test_the_mean_target_of_a_pair_is_its_backup_whatever_the_behaviour(seed):
+    """E[y | s, a] = (𝒯Q)(s, a): how often a pair is visited cancels, for the next state depends on the pair alone."""
     rng = np.random.default_rng(seed)
-    mdp = MDP(rng.dirichlet(np.ones(3), size=(3, 2)), rng.normal(size=(3, 2)), gamma)
-    Q = rng.normal(size=(3, 2))
-    for s, a in np.ndindex(3, 2):
-        y = td_target(np.full(3, mdp.r[s, a]), np.zeros(3, bool), Q, gamma)  # for each next state
-        assert mdp.P[s, a] @ y == pytest.approx(mdp.bellman(Q)[s, a], abs=1e-12)
-    shows("Σ P(s′|s, a) y = 𝒯Q(s, a) on random MDPs; the behaviour policy does not occur in it")
+    weights, rewards, Q, visits = (rng.integers(1, 10, size) + F(0) for size in ((3, 2, 3), (3, 2), (3, 2), (3, 2)))
+    mdp = MDP(weights / weights.sum(-1, keepdims=True), rewards, F(9, 10))
+    seen = visits[:, :, None] * mdp.P  # how often (s, a, s') is in the data
+    y = td_target(
+        np.broadcast_to(rewards[:, :, None], seen.shape),
+        np.zeros(seen.shape, bool),
+        np.broadcast_to(Q, (*seen.shape, 2)),
+        mdp.gamma,
+    )
+    assert ((seen * y).sum(-1) / seen.sum(-1) == mdp.bellman(Q)).all()
+    shows("E[y | s, a] = (𝒯Q)(s, a) exactly, random MDPs and visits of 3 states and 2 actions")
+
+
+@control("R1")
+def test_control_two_steps_do_depend_on_the_behaviour():
+    """Negative control: rewards (0, 1) on a loop; two steps from a₀ give 0 or ½ as the next action is a₀ or a₁."""
+    gamma, rewards = F(1, 2), exact(0, 1)
+    y = td_target(rewards[0] + gamma * rewards, np.zeros(2, bool), np.full((2, 2), F(0)), gamma**2)
+    assert y.tolist() == [0, F(1, 2)]
+
+
+def fitted(replay, y):
+    """The least-squares fit of a constant to the targets, as the replay draws and weighs them."""
+    P = replay.probabilities()
+    weight = P * importance_weights(P, len(P), replay.is_exponent, None)
+    return float(weight @ y / weight.sum())
+
+
+def backup_of_the_buffer(rewards, Q):
+    replay = filled(ProportionalReplay(len(rewards), 1), rewards)
+    return fitted(replay, td_target(replay.r, replay.terminated, np.full((len(rewards), 1), Q), 0.9))
+
+
+def fitted_to_a_lottery(is_exponent, rewards=(0,) * 9 + (10,)):
+    """A step that ends the episode and pays 0 nine times in ten, else 10; Q_{m−1} = 0, so δ is the reward."""
+    replay = filled(ProportionalReplay(10, 1, is_exponent=is_exponent), rewards)
+    replay.update_priorities(np.arange(10), replay.r)
+    return fitted(replay, replay.r)
+
+
+def mean_of_the_largest(noise, actions):
+    """The mean target where Q̄(s′, ·) is 0 but for noise, independent for each action."""
+    q = np.array(np.meshgrid(*[exact(*noise)] * actions)).reshape(actions, -1).T
+    return td_target(np.full(len(q), F(0)), np.zeros(len(q), bool), q, F(1, 2)).mean()
 
 
 @claim(
     "R2",
-    place="section Replay",
-    says="since it is off-policy, learning stays unbiased",
-    verdict="fails: data of two worlds, the maximum, and priorities by |δ| each bias it",
-    uses="replay.td_priority, replay.importance_weights, tabular.MDP",
+    place="section Recency and TD-error",
+    says="since Q-learning is off-policy, learning from the shared buffer is unbiased",
+    verdict="fails: what is excused is the choice of actions; old physics, draws by |δ| and the max all bias",
+    uses="replay.ProportionalReplay, bellman.td_target, tabular.MDP.bellman",
 )
-def test_three_biases():
-    """(i) half the buffer is old; (ii) the max over noise; (iii) rare large errors are drawn more often."""
-    assert fitted_to_two_worlds(share_of_old=F(1, 2)) == 5
-    assert np.mean([max(pair) for pair in ((1, 1), (1, -1), (-1, 1), (-1, -1))]) == 0.5
-    assert fitted_by_priority(exponent=0.0) == pytest.approx(2.019, abs=1e-3)
-    assert fitted_by_priority(exponent=0.5) == pytest.approx(1.556, abs=1e-3)
-    shows("truth 10: 5 with half old data; max of ±1 noise: ½; y = 10 or 0 (1 : 9), truth 1: 2.019 drawn by |δ|")
+def test_off_policy_is_not_unbiased():
+    """Three biases of different kinds.
+
+    Half of the buffer is from before a drift of the reward from 0 to 1: its fixed point is 5, and Q*_new = 10. The δ
+    of Q_{m−1} = 0 draws the lucky outcomes of a lottery. The target's max takes the lucky one of two noises ±1.
+    """
+    assert backup_of_the_buffer([0, 1], 5.0) == pytest.approx(5)
+    assert loop(1).bellman(np.array([[F(10)]])) == 10
+    lottery = [fitted_to_a_lottery(is_exponent) for is_exponent in (0, 0.5)]
+    assert lottery == pytest.approx([8.752, 4.689], abs=5e-4)
+    assert mean_of_the_largest((1, -1), 2) == F(1, 2) * F(1, 2)
+    shows(f"half old: 5 for 10; lottery of mean 1: {lottery[0]:.3f}, with IS ½ {lottery[1]:.3f}; noise ±1: γ/2 for 0")
 
 
-def fitted_to_two_worlds(share_of_old):
-    """One loop, r 0 → 1 at γ = 9/10: the fixed point of Q = Σ share · (r + γQ), which is 10 in the new world."""
-    mixed_reward = share_of_old * 0 + (1 - share_of_old) * 1
-    Q = mixed_reward / (1 - F(9, 10))
-    old, new = (loops((r,), F(9, 10)).residual(np.array([[Q]]))[0, 0] for r in (0, 1))
-    assert share_of_old * old + (1 - share_of_old) * new == 0  # where the average residual is 0, learning stands still
-    return Q
+@control("R2")
+def test_control_without_drift_draws_by_outcome_or_choice_it_is_unbiased():
+    """Negative control: take each cause away and its bias is gone."""
+    assert backup_of_the_buffer([1, 1], 10.0) == pytest.approx(10)
+    assert fitted_to_a_lottery(1) == pytest.approx(1)
+    assert fitted_to_a_lottery(0, rewards=(1,) * 10) == pytest.approx(1)
+    assert mean_of_the_largest((1, -1), 1) == mean_of_the_largest((0,), 2) == 0
 
 
-def fitted_by_priority(exponent):
-    """Where a constant c rests that is fitted to y = 10 (one in ten) or 0, drawn by |y − c|, with weights."""
-    y, c = np.array([10.0] + [0.0] * 9), 1.0
-    for _ in range(2000):
-        P = normalise(td_priority(y - c, OFFSET, EXPONENT))
-        weight = P * importance_weights(P, 10, exponent, None)
-        c += 0.1 * (weight @ (y - c) / weight.sum())
-    return c
-
-
-@control("R1", "R2")
-def test_control_one_world_no_noise_and_full_correction_have_no_bias():
-    """Negative control: without old data 10, with exponent 1 the true mean 1."""
-    assert fitted_to_two_worlds(share_of_old=F(0)) == 10
-    assert fitted_by_priority(exponent=1.0) == pytest.approx(1, abs=1e-6)
+# Whom the priorities favour
 
 
 @claim(
     "R3",
-    place="section Replay",
-    says="the priorities emphasise transitions on which the ensemble does well",
-    verdict="fails: they grow with |δ|, so what it predicts worst is drawn most, as the section says further down",
-    uses="replay.td_priority",
+    place="section Recency and TD-error",
+    says="weighted sampling emphasises the transitions that the ensemble predicts well",
+    verdict="fails: the priority rises with |δ|, so it emphasises those that it predicts badly",
+    uses="replay.ProportionalReplay, replay.td_priority",
 )
-@given(st.floats(0, 100), st.floats(0.001, 100))
-def test_the_priority_grows_with_the_error(delta, more):
-    assert td_priority(delta + more, OFFSET, EXPONENT) > td_priority(delta, OFFSET, EXPONENT)
-    shows("p^TD increases with |δ|: 0.063 for δ = 0, 1.006 for 1, 3.984 for 10 (ε = 0.01, γ = 0.6)")
+@given(st.floats(0, 100), st.floats(0.01, 100), st.floats(0.1, 2))
+def test_the_worse_predicted_is_drawn_more(small, more, exponent):
+    """The same section says so a paragraph later, where it favours high TD errors."""
+    well, badly = td_priority(np.array([small, -small - more]), 0.01, exponent)
+    assert well < badly
+    replay = filled(ProportionalReplay(2, 1), [0, 0])
+    replay.update_priorities(np.arange(2), [0.0, 1.0])
+    P = replay.probabilities()
+    assert pytest.approx([0.059, 0.941], abs=5e-4) == P
+    shows(f"δ = (0, 1), ε = 0.01, exponent 0.6: drawn with {P[0]:.3f} and {P[1]:.3f}")
 
 
 @control("R3")
-def test_control_the_figures():
-    """Negative control: the three figures, and that the sign of δ makes no difference."""
-    assert td_priority(np.array([0.0, 1.0, 10.0]), OFFSET, EXPONENT) == pytest.approx([0.0631, 1.006, 3.984], abs=1e-3)
-    assert td_priority(-2.0, OFFSET, EXPONENT) == td_priority(2.0, OFFSET, EXPONENT)
+def test_control_a_negative_exponent_would_emphasise_them():
+    """Negative control: with the exponent's sign turned round the well-predicted one is drawn more, with 0 neither."""
+    replay = filled(ProportionalReplay(2, 1, priority_exponent=-0.6), [0, 0])
+    replay.update_priorities(np.arange(2), [0.0, 1.0])
+    assert replay.probabilities() == pytest.approx([0.941, 0.059], abs=5e-4)
+    assert td_priority(np.array([0.0, 1.0]), 0.01, 0.0).tolist() == [1, 1]
 
 
-def stale_share(old_delta, new_delta, new=1_000, old=10_000):
-    """The part of the draws that goes to transitions from before the drift, α = 0.01, β = ½."""
-    replay = filled(RecencyReplay(old + new, 1, mix=0.5, recency_rate=0.01, priority_offset=OFFSET), old + new)
-    replay.update_priorities(np.arange(old), np.full(old, float(old_delta)))
-    replay.update_priorities(np.arange(old, old + new), np.full(new, float(new_delta)))
-    return replay.probabilities()[:old].sum()
+OLD, NEW, RATE = 10_000, 1_000, 0.01
+
+
+def stale_mass(Q, mix):
+    """(largest |δ| of the old transitions, of the new ones, the old ones' part of the draws)."""
+    replay = filled(RecencyReplay(OLD + NEW, 1, mix=mix, recency_rate=RATE), [0] * OLD + [1] * NEW)
+    delta = td_target(replay.r, replay.terminated, np.full((OLD + NEW, 1), Q), 0.9) - Q
+    replay.update_priorities(np.arange(OLD + NEW), delta)
+    return abs(delta[:OLD]).max(), abs(delta[OLD:]).max(), replay.probabilities()[:OLD].sum()
 
 
 @claim(
     "R4",
-    place="section Replay",
-    says="data from before a drift have a large error, those from after it a small one",
-    verdict="fails: at the drift it is the other way round; so only once Q has adapted, and then PER draws the old",
-    uses="replay.RecencyReplay.probabilities",
+    place="section Recency and TD-error",
+    says="after a drift the old data have a high prediction error and the new ones a low one",
+    verdict="fails: at the drift it is the reverse; it is true of an adapted Q, and then |δ| draws the old data",
+    uses="replay.RecencyReplay, bellman.td_target, tabular.MDP",
 )
-def test_stale_data_draw_the_sampler_back_once_q_has_adapted():
-    """Q = Q*_old has δ = 0 on every old transition; Q = Q*_new on every new one, and the old ones stand out."""
-    before, after = stale_share(0, 1), stale_share(1, 0)
-    assert (before, after) == (pytest.approx(0.363, abs=1e-3), pytest.approx(0.984, abs=1e-3))
-    shows("10,000 old, 1,000 new: 0.363 of the draws are old just after the drift, 0.984 once Q has adapted")
+def test_the_old_data_have_no_error_until_q_has_adapted():
+    """The loop's reward drifts from 0 to 1, so Q* from 0 to 10; 10,000 old transitions and 1,000 new ones.
+
+    Q*_old fits the old transitions without error in whatever deterministic MDP. Priorities by |δ| then help, and hurt
+    as soon as Q has learnt: with the paper's mixture half-half the old data have nearly all of the draws.
+    """
+    assert loop(0).residual(np.array([[F(0)]])) == loop(1).residual(np.array([[F(10)]])) == 0
+    old, new, before = stale_mass(0.0, mix=0.5)
+    assert (old, new) == (0, 1)
+    old, new, after = stale_mass(10.0, mix=0.5)
+    assert (old, new) == pytest.approx((1, 0))
+    assert (before, after) == pytest.approx((0.363, 0.984), abs=5e-4)
+    shows(
+        f"|δ| of 10,000 old, 1,000 new: 0, 1, later 1, 0; β = ½: the old have {before:.3f} of draws, later {after:.3f}"
+    )
 
 
 @control("R4")
-def test_control_by_recency_alone_old_data_fade_all_the_same():
-    """Negative control: without p^TD, a thousand transitions later the old ones have e^{−10} of the draws."""
-    replay = filled(RecencyReplay(11_000, 1, mix=0.0, recency_rate=0.01), 11_000)
-    assert replay.probabilities()[:10_000].sum() == pytest.approx(np.exp(-10), rel=1e-3)
+@pytest.mark.parametrize("Q", [0.0, 10.0])
+def test_control_recency_alone_prefers_the_new_data_whatever_q_is(Q):
+    """Negative control: without the TD part the old data have e^{−10} of the draws, before as after."""
+    assert stale_mass(Q, mix=0)[2] == pytest.approx(np.exp(-RATE * NEW), rel=1e-6)
+
+
+# The TD error and its priority
+
+
+def agent_with_one_transition(target):
+    """A GB-DQN at its second learner, whose buffer holds one transition: r = 3 on a loop, Q_{m−1} = about 1."""
+    config = Config(
+        agent="gbdqn", hidden=(), capacity=1, batch_size=1, gamma=0.0, lr=0.05, target=target, loss_on="h", alpha=1.0
+    )
+    agent, s = GBDQN(1, 1, config, np.random.default_rng(0)), np.ones(1, np.float32)
+    agent.observe(s, 0, 1.0, s, False)
+    for _ in range(300):
+        agent.learn()
+    agent.on_drift("drift")
+    agent.observe(s, 0, 3.0, s, False)
+    return agent
 
 
 @claim(
     "R5",
-    place="section Recency and TD-error",
-    says="δ_i measures what the learner can still improve, and changes as it learns",
-    verdict="fails: δ_i = y_i − Q_{m−1} has no h_m in it, so it stands still, also where h_m has learnt all there is",
-    uses="replay.td_priority",
+    place="section Recency and TD-error, Algorithm 1 lines 16–18",
+    says="δ is time-varying, and says what is left to learn",
+    verdict="fails: within a stage it is a constant, for it has Q_{m−1} and not h_m; only with a live target it is not",
+    uses="gbdqn.GBDQN, replay.td_priority, bellman.loss_gradient",
 )
-def test_priority_is_not_what_is_left_to_learn():
-    """Residuals (5, 1), h = (5, 0): the first is learnt, and is drawn five times as often as the second."""
-    residual, h = np.array([5.0, 1.0]), np.array([5.0, 0.0])
-    assert normalise(td_priority(residual, 0, 1)).tolist() == [5 / 6, 1 / 6]
-    assert normalise(td_priority(residual - h, 0, 1)).tolist() == [0, 1]
-    shows("residuals (5, 1), h = (5, 0): P = (5/6, 1/6) where all that is left is in the second")
+def test_the_td_error_stands_still_while_the_booster_learns():
+    """Once Q̄_{m−1} is Q_{m−1}, nothing in δ moves until the next booster; what is learnt is still drawn.
+
+    Residuals (5, 1), h = (5, 0): the first is learnt, and with exponent 1 and ε = 0 has five of six draws.
+    """
+    agent = agent_with_one_transition("frozen")
+    delta = [float(agent.learn()[0]) for _ in range(500)]
+    assert set(delta) == {delta[0]} and delta[0] == pytest.approx(2, abs=0.01)
+    residual, h = exact(5, 1), exact(5, 0)
+    gradient = loss_gradient(residual - h, exact(1, 1), np.zeros(2, int), 1)
+    assert gradient.ravel().tolist() == [0, F(-1, 2)]
+    assert normalise(td_priority(residual, 0, 1)).tolist() == [F(5, 6), F(1, 6)]
+    shows("500 updates leave δ the same to the bit; residuals (5, 1), h = (5, 0): P = (5/6, 1/6), gradients 0 and −½")
 
 
-@control("R5")
-def test_control_before_the_learner_knows_anything_the_two_agree():
-    """Negative control: with h = 0 the priority is what is left."""
-    residual = np.array([5.0, 1.0])
-    assert (td_priority(residual, 0, 1) == td_priority(residual - 0, 0, 1)).all()
+@claim(
+    "R14",
+    place="section Algorithm, Algorithm 1 line 18",
+    says="priorities are updated after the gradient step (text) or before it (Algorithm 1)",
+    verdict="ambiguous: but it is all one where δ does not have h_m in it",
+    uses="gbdqn.GBDQN.learn",
+)
+def test_before_or_after_the_step_is_all_one():
+    """The second δ is what the first would have been after its step."""
+    agent = agent_with_one_transition("frozen")
+    before, after = agent.learn(), agent.learn()
+    assert before == after
+    shows("frozen target: δ before the step is δ after it, to the bit")
+
+
+@control("R5", "R14")
+def test_control_with_a_live_target_the_td_error_moves():
+    """Negative control: where h_m counts at once, each step changes δ, and learning takes it to 0."""
+    agent = agent_with_one_transition("live")
+    before, after = agent.learn(), agent.learn()
+    assert before > after + 0.01
+    for _ in range(500):
+        last = agent.learn()
+    assert abs(last) < 0.01
+
+
+magnitudes = st.one_of(st.just(0.0), st.floats(1e-300, 1e300))
 
 
 @claim(
     "R6",
     place="section Recency and TD-error",
-    says="p^TD = (|δ| + ε)^γ is a priority: positive, even in δ, growing with |δ|",
-    verdict="holds",
-    uses="replay.td_priority",
+    says="p^TD = (|δ| + ε)^γ grows with |δ|, whatever its sign, and leaves no transition out",
+    verdict="holds if ε > 0 and the exponent is positive",
+    uses="replay.td_priority, replay.ProportionalReplay.probabilities",
 )
-@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1), st.floats(0, 1))
-def test_the_td_priority(delta, offset, exponent):
-    assert td_priority(delta, offset, exponent) == td_priority(-delta, offset, exponent)
-    assert td_priority(delta, offset, exponent) >= offset**exponent > 0
-    shows("p^TD(δ) = p^TD(−δ) ≥ ε^γ > 0")
+@given(magnitudes, magnitudes, st.floats(1e-3, 1), st.floats(0.1, 1))
+def test_the_td_priority(one, other, offset, exponent):
+    """It is at least ε^γ, even and nondecreasing, from δ = 0 to 10^±300."""
+    small, large = sorted((one, other))
+    p = td_priority(np.array([0.0, small, large, -large]), offset, exponent)
+    assert 0 < offset**exponent == pytest.approx(p[0])
+    assert (np.diff(p[:3]) >= -1e-12 * p[:2]).all()
+    assert p[2] == p[3] < np.inf
+    shows("at least ε^γ, even and nondecreasing in |δ|, from 0 to 10^±300")
+
+
+@control("R6")
+def test_control_without_an_offset_a_transition_is_never_drawn_again():
+    """Negative control: ε = 0 and δ = 0 give P = 0, and what is never drawn has its δ never computed again."""
+    replay = filled(ProportionalReplay(2, 1, priority_offset=0.0), [0, 0])
+    replay.update_priorities(np.arange(2), [0.0, 1.0])
+    assert replay.probabilities().tolist() == [0, 1]
 
 
 @claim(
     "R7",
     place="section Recency and TD-error",
-    says="sampling is proportional to the magnitude of the TD error",
-    verdict="holds if γ = 1 and ε = 0; else to a power of it",
-    uses="replay.td_priority, replay.ProportionalReplay.probabilities",
+    says="prioritized replay draws in proportion to |δ|",
+    verdict="holds if the exponent is 1 and ε = 0",
+    uses="replay.td_priority",
 )
-def test_proportional_only_with_exponent_1():
-    assert by_error((1.0, 2.0), offset=0.0, exponent=1.0) == pytest.approx([1 / 3, 2 / 3])
-    assert by_error((1.0, 2.0), offset=0.0, exponent=0.6)[1] == pytest.approx(0.6025, abs=1e-4)
-    shows("|δ| = (1, 2): P = (1/3, 2/3) with γ = 1, ε = 0; (0.3975, 0.6025) with γ = 0.6")
+@given(st.lists(st.fractions(-100, 100), min_size=1, max_size=6).filter(any))
+def test_per_is_proportional_to_the_td_error(delta):
+    delta = exact(*delta)
+    P = normalise(td_priority(delta, 0, 1))
+    assert (P * abs(delta).sum() == abs(delta)).all()
+    shows("P = |δ| / Σ |δ| exactly; with ε = 0.01 and exponent 0.6 twice the |δ| has 1.51 times the draws")
 
 
-def by_error(deltas, offset, exponent):
-    replay = filled(ProportionalReplay(len(deltas), 1, priority_offset=offset, priority_exponent=exponent), len(deltas))
-    replay.update_priorities(np.arange(len(deltas)), np.array(deltas))
-    return replay.probabilities().tolist()
+@control("R7")
+def test_control_an_offset_or_an_exponent_bends_it():
+    """Negative control: |δ| = (2, 1) are not drawn 2 : 1 with the usual offset and exponent, nor with either alone."""
+
+    def ratio(offset, exponent):
+        two, one = td_priority(np.array([2.0, 1.0]), offset, exponent)
+        return two / one
+
+    assert ratio(0, 1) == 2
+    assert [ratio(0.01, 1), ratio(0, 0.6), ratio(0.01, 0.6)] == pytest.approx([1.990, 1.516, 1.511], abs=5e-4)
 
 
-@control("R6", "R7")
-def test_control_with_the_exponent_0_the_error_makes_no_difference():
-    """Negative control: γ = 0 is uniform sampling, and ε = 0 lets a transition without error fall out altogether."""
-    assert by_error((1.0, 2.0), offset=0.0, exponent=0.0) == [0.5, 0.5]
-    assert by_error((0.0, 2.0), offset=0.0, exponent=0.6) == [0.0, 1.0]
+# The clock and its rate
 
 
 @claim(
     "R8",
-    place="section Recency and TD-error, Algorithm 1",
-    says="p^time = e^{−α(T − t)} lies in (0, 1] and decays with age",
-    verdict="holds if t counts on one clock; Algorithm 1 stores the step of the episode, by which old data look new",
+    place="section Recency and TD-error, Algorithm 1 line 12",
+    says="p^time = e^{−α(T − t)} lies in (0, 1] and is less for older data",
+    verdict="holds if t counts the steps of the whole run, where Algorithm 1 stores the step within the episode",
     uses="replay.time_priority, replay.RecencyReplay.age",
 )
-@given(st.floats(0, 0.1), st.integers(0, 5_000), st.integers(1, 1_000))
-def test_recency_decays_on_one_clock(rate, age, more):
-    assert 0 < time_priority(age + more, rate) <= time_priority(age, rate) <= 1
-    assert float(np.exp(-0.01 * (1 - 500))) == pytest.approx(146.9, abs=0.1)
-    shows("step 500 of an earlier episode seen at step 1 of the next: e^{0.01 · 499} = 146.9 > 1")
+@given(st.integers(1, 60), st.integers(1, 20), st.floats(1e-6, 10))
+def test_the_time_priority_with_a_clock_of_the_whole_run(added, capacity, rate):
+    """The ring's age is T − t in transitions added: 0 for the newest, N − 1 for the oldest."""
+    replay = filled(RecencyReplay(capacity, 1), range(added))
+    newest_first = np.argsort(-replay.r[: len(replay)])
+    age = replay.age(newest_first)
+    assert age.tolist() == list(range(len(replay)))
+    p = time_priority(age, rate)
+    assert p[0] == 1 and (p > 0).all() and (np.diff(p) < 0).all()
+    literal = time_priority(1 - 500, 0.01)
+    assert literal == pytest.approx(146.94, abs=5e-3)
+    shows(f"with age = transitions added since; to the letter step 500 has {literal:.1f} at the next T = 1, α = 0.01")
 
 
 @control("R8")
-def test_control_ages_are_counted_across_episodes():
-    """Negative control: in the package age counts transitions, so it is never negative and no priority exceeds 1."""
-    replay = filled(RecencyReplay(8, 1), 20)
-    ages = replay.age(np.arange(8))
-    assert sorted(ages) == list(range(8)) and (time_priority(ages, 0.01) <= 1).all()
+def test_control_by_the_step_within_the_episode_the_order_is_wrong():
+    """Negative control: an episode of 3 steps and 2 of the next, T = 2: the last episode's step 3 is above the newest.
+
+    And were p stored when its transition comes, as Algorithm 1 has it, T = t and every p^time is 1: no recency at all.
+    """
+    t = np.array([1, 2, 3, 1, 2])
+    p = time_priority(t[-1] - t, 0.01)
+    assert p.argmax() == 2 and p[2] > p[-1] == 1
+    assert time_priority(t - t, 0.01).tolist() == [1] * 5
+
+
+def mass_on_the_newest(k, n, mix, rate):
+    """P of the newest k of n transitions with equal TD priorities of 1."""
+    replay = filled(RecencyReplay(n, 1, mix=mix, recency_rate=rate), [0] * n)
+    return replay.probabilities()[-k:].sum()
 
 
 @claim(
     "R9",
     place="section Recency and TD-error",
     says="a larger α emphasises recent transitions more",
-    verdict="fails: it does so for p^time alone; of the mixture a large α leaves the newest one only, hence less",
-    uses="replay.RecencyReplay.probabilities",
+    verdict="fails: in the mixture too large an α leaves recency few draws; it is true of P^time alone",
+    uses="replay.mixed_priority, replay.RecencyReplay.probabilities",
 )
 def test_a_larger_rate_can_mean_less_recency():
-    masses = [newest_ten(rate, mix=0.5) for rate in (0.001, 0.1, 10.0)]
-    assert masses == pytest.approx([0.01222, 0.01647, 0.01099], abs=1e-5)
-    shows("1,000 transitions with p^TD = 1, β = ½: the newest ten have 0.01222, 0.01647, 0.01099 at α = 0.001, 0.1, 10")
+    """A larger α makes S_time smaller, and with it recency's share of the draws.
 
-
-def newest_ten(rate, mix):
-    return filled(RecencyReplay(1_000, 1, mix=mix, recency_rate=rate), 1_000).probabilities()[-10:].sum()
+    Three transitions of equal |δ|, β = ½, x = e^{−α}: the newest two have (3 + x)/(4 + x + x²), most at x = √10 − 3.
+    Two transitions will not do: the newest has (p₁ + 1)/(p₁ + 1 + p₂ + x), which falls with x.
+    """
+    mass = []
+    for x in (F(1), F(1, 6), F(1, 10)):
+        P = normalise(mixed_priority(td_priority(exact(1, 1, 1), 0, 1), np.array([1, x, x * x]), F(1, 2)))
+        mass.append(P[:2].sum())
+    assert mass == [F(2, 3), F(114, 151), F(310, 411)]
+    assert mass[2] < mass[1]
+    of_1000 = [mass_on_the_newest(10, 1000, 0.5, rate) for rate in (0.001, 0.1, 10)]
+    assert of_1000 == pytest.approx([0.01222, 0.01647, 0.01099], abs=5e-6)
+    shows("N = 3, β = ½: e^{−α} = 1/6 gives the newest 2 114/151, 1/10 gives 310/411, which is less")
 
 
 @control("R9")
-def test_control_of_recency_alone_it_is_true():
-    """Negative control: without p^TD the mass on the newest ten does grow with α."""
-    masses = [newest_ten(rate, mix=0.0) for rate in (0.0, 0.001, 0.1, 10.0)]
-    assert masses == sorted(masses) and masses[0] == pytest.approx(0.01)
+@given(st.integers(1, 30), st.integers(1, 30), st.floats(0, 5), st.floats(0, 5))
+def test_control_pure_recency_does_as_it_says(k, more, rate, faster):
+    """Negative control: at β = 0 the newest k have (1 − x^k)/(1 − x^N), x = e^{−α}, which rises with α.
+
+    Against the rest they stand as Σ_{i<k} x^{i−k} to Σ_{i≥k} x^{i−k}: as x falls, only the first sum rises.
+    """
+    mass, faster_mass = (mass_on_the_newest(k, k + more, 0, r) for r in (rate, rate + faster))
+    assert mass <= faster_mass + 1e-12
+
+
+# What is stored, and its sum
 
 
 @claim(
     "R11",
     place="Eq. 11",
-    says="P(i) = p_i / Σ p is a distribution",
-    verdict="holds if some priority is positive: with ε = 0, β = 1 and no error anywhere it is 0/0",
-    uses="replay.RecencyReplay.probabilities, replay.mixed_priority",
+    says="P sums to 1",
+    verdict="holds if some p is positive: with β < 1 always, as the newest has p^time = 1, else with ε > 0 or a δ ≠ 0",
+    uses="replay.RecencyReplay.probabilities",
 )
-@given(SEEDS, st.integers(1, 30), st.floats(0, 1))
-def test_the_probabilities_sum_to_1(seed, n, mix):
-    replay = filled(RecencyReplay(30, 1, mix=mix, recency_rate=0.1), n)
-    replay.update_priorities(np.arange(n), np.random.default_rng(seed).normal(size=n))
+@given(st.integers(1, 40), st.integers(0, 10**6), st.floats(0, 1), st.floats(0, 1e4))
+def test_the_probabilities_sum_to_1(n, seed, mix, rate):
+    """Also at β = 0 with a rate at which every p^time but the newest underflows to 0."""
+    replay = filled(RecencyReplay(20, 1, mix=mix, recency_rate=rate), [0] * n)
+    replay.update_priorities(np.arange(len(replay)), np.random.default_rng(seed).normal(size=len(replay)))
     P = replay.probabilities()
-    assert P.sum() == pytest.approx(1, abs=1e-12) and (P > 0).all()
-    shows("Σ P = 1 and P > 0 on random buffers; all |δ| = 0, ε = 0, β = 1: refused, since it is 0/0")
+    assert (P >= 0).all() and P.sum() == pytest.approx(1)
+    shows("random buffers, mixes and rates; β = 1, ε = 0 and δ = 0 everywhere is 0/0")
 
 
 @control("R11")
-def test_control_where_all_priorities_are_0_there_is_none():
-    replay = filled(RecencyReplay(3, 1, mix=1.0, priority_offset=0.0), 3)
+def test_control_all_zero_is_no_distribution():
+    """Negative control: with β = 1, ε = 0 and no error anywhere Eq. 11 reads 0/0, and recency does away with that."""
+    replay = filled(RecencyReplay(3, 1, mix=1.0, priority_offset=0.0), [0] * 3)
     replay.update_priorities(np.arange(3), np.zeros(3))
     with pytest.raises(ValueError, match="every priority is 0"):
         replay.probabilities()
+    replay.mix = 0.99
+    assert replay.probabilities().sum() == pytest.approx(1)
+
+
+def with_a_new_one(replay, old_deltas):
+    """The replay with transitions of these TD errors, and one that is new, in the last slot."""
+    n = len(old_deltas)
+    filled(replay, [0] * n).update_priorities(np.arange(n), np.array(old_deltas))
+    return filled(replay, [0])
+
+
+def part_of_the_new_one(own_delta=None):
+    """P of a new transition beside one of |δ| = 1, as it enters or after its own TD error has been noted."""
+    replay = with_a_new_one(ProportionalReplay(2, 1), [1.0])
+    if own_delta is not None:
+        replay.update_priorities(np.array([1]), np.array([own_delta]))
+    return replay.probabilities()[1]
 
 
 @claim(
     "R13",
-    place="section Replay Buffer, Algorithm 1, line 11",
-    says="the priority with which a transition enters",
-    verdict="ambiguous: the text says the largest so far, Algorithm 1 that of its own TD error",
-    uses="replay.ProportionalReplay.add, replay.td_priority",
+    place="section Recency and TD-error, Algorithm 1 line 11",
+    says="a new transition enters with maximal priority",
+    verdict="ambiguous: so the text; Algorithm 1 gives it the priority of its own TD error, which can be the least",
+    uses="replay.RecencyReplay, replay.ProportionalReplay.add",
 )
-def test_the_largest_priority_is_not_its_own():
-    """A transition with δ = 0 after one with |δ| = 9: drawn as often as that one, or a 59th as often."""
-    replay = filled(ProportionalReplay(2, 1, priority_offset=OFFSET, priority_exponent=EXPONENT), 1)
-    replay.update_priorities(np.array([0]), np.array([9.0]))
-    replay.add(0.0, 0, 0.0, 0.0, False)
-    assert replay.probabilities().tolist() == [0.5, 0.5]
-    own = normalise(td_priority(np.array([9.0, 0.0]), OFFSET, EXPONENT))
-    assert own[0] / own[1] == pytest.approx(59.2, abs=0.1)
-    shows("δ = 0 after |δ| = 9: odds 1 : 1 by the text, 59 : 1 by Algorithm 1 (ε = 0.01, γ = 0.6); D4 is the text's")
+@given(st.lists(st.floats(-100, 100), min_size=1, max_size=8))
+def test_a_new_transition_enters_at_the_top(old_deltas):
+    """With the largest TD priority seen so far, as the package does it (D4), none is drawn more."""
+    P = with_a_new_one(RecencyReplay(9, 1), old_deltas).probabilities()
+    assert P[-1] >= P.max() * (1 - 1e-12)
+    parts = [part_of_the_new_one(own_delta) for own_delta in (None, 0.0, 10.0)]
+    assert parts == pytest.approx([0.5, 0.059, 0.798], abs=5e-4)
+    shows("PER, beside one of |δ| = 1: {:.3f} maximal; by its own δ = 0 {:.3f}, by δ = 10 {:.3f}".format(*parts))
 
 
 @control("R13")
-def test_control_if_its_error_is_the_largest_both_agree():
-    """Negative control: a transition whose |δ| is the largest so far enters with the same priority either way."""
-    replay = filled(ProportionalReplay(2, 1, priority_offset=OFFSET, priority_exponent=EXPONENT), 1)
-    replay.update_priorities(np.array([0]), np.array([9.0]))
-    assert replay.max_priority == td_priority(9.0, OFFSET, EXPONENT)
+def test_control_by_its_own_error_it_may_enter_at_the_bottom():
+    """Negative control: by line 11 a new transition without error is below one with |δ| = 1, recency or not."""
+    replay = with_a_new_one(RecencyReplay(2, 1), [1.0])
+    assert np.diff(replay.probabilities()) > 0
+    replay.update_priorities(np.array([1]), np.array([0.0]))
+    assert np.diff(replay.probabilities()) < 0
 
 
-@claim(
-    "R14",
-    place="section Algorithm, Algorithm 1, line 18",
-    says="when the stored priorities are renewed",
-    verdict="ambiguous: before the step in Algorithm 1, after it in the text; the same, since δ_i has no h_m in it",
-    uses="gbdqn.GBDQN.learn",
-)
-def test_before_or_after_the_step_gives_the_same_priorities():
-    """An update of a frozen-target learner changes θ_m, and no δ: the priorities of two updates are those of one."""
-    before, after = delta_of_two_updates("frozen")
-    np.testing.assert_array_equal(before, after)
-    shows("target frozen: the same batch has the same δ before and after the step, to the bit")
-
-
-@control("R14")
-def test_control_with_a_live_target_the_order_matters():
-    """Negative control: where h_m counts already, the step changes δ."""
-    before, after = delta_of_two_updates("live")
-    assert (before != after).any()
-
-
-def delta_of_two_updates(target):
-    """δ of one transition, the only one there is, in two updates after a drift."""
-    config = Config(hidden=[8], batch_size=2, capacity=4, target=target, replay="uniform", lr=0.1)
-    agent = GBDQN(2, 2, config, np.random.default_rng(0))
-    agent.on_drift("drift")
-    agent.observe(np.ones(2, np.float32), 0, 1.0, np.zeros(2, np.float32), False)
-    return agent.learn(), agent.learn()
+def ending(name, action):
+    """(terminated, truncated, last observation) of an episode whose actions are a function of the observation."""
+    env = make(name)
+    s, _ = env.reset(seed=0)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        s, _, terminated, truncated, _ = env.step(action(s))
+    return terminated, truncated, s
 
 
 @claim(
     "R15",
-    place="section Replay Buffer",
-    says="done says that the goal was reached",
-    verdict="fails: in CartPole and Hopper it says that the agent fell, and a time limit is neither",
+    place="section Recency and TD-error",
+    says="done means that the agent has reached the goal",
+    verdict="fails: on CartPole and Hopper it means failure, and a time limit ends an episode without either",
     uses="drift.make, bellman.td_target",
 )
-def test_done_is_a_failure_on_cartpole():
-    """Pushing one way only ends a CartPole episode early, as a failure; MountainCar's 200th step is a time limit."""
-    ends = {name: last_step(name) for name in ("cartpole", "mountaincar")}
-    assert ends["cartpole"][0] < 15 and ends["cartpole"][1:] == (True, False)
-    assert ends["mountaincar"] == (200, False, True)
-    shows("one action only: CartPole is terminated within 15 steps by a fall, MountainCar truncated at 200")
-
-
-def last_step(name):
-    """(steps, terminated, truncated) of an episode in which action 0 is taken throughout."""
-    env, steps, terminated, truncated = make(name), 0, False, False
-    env.reset(seed=0)
-    while not (terminated or truncated):
-        *_, terminated, truncated, _ = env.step(0)
-        steps += 1
-    return steps, bool(terminated), bool(truncated)
+def test_done_is_not_the_goal():
+    """Pushed left the pole falls, left alone the hopper does; the other two run out of time, and there y bootstraps."""
+    ends = {
+        name: ending(name, lambda s, action=action: action)[:2]
+        for name, action in (("cartpole", 0), ("hopper", 0), ("mountaincar", 1), ("acrobot", 1))
+    }
+    assert ends["cartpole"] == ends["hopper"] == (True, False)
+    assert ends["mountaincar"] == ends["acrobot"] == (False, True)
+    y = td_target(np.array([-1.0, -1.0]), np.array([True, False]), np.full((2, 2), -50.0), 0.99)
+    assert y.tolist() == [-1, -50.5]
+    shows("doing nothing ends Hopper by a fall, MountainCar and Acrobot by the clock, where y = −50.5 must not be −1")
 
 
 @control("R15")
-def test_control_a_target_that_took_a_time_limit_for_an_end_would_be_wrong():
-    """Negative control: at a truncated step the value of the next state still counts."""
-    r, q_next = np.array([-1.0]), np.array([[-50.0]])
-    assert td_target(r, np.array([False]), q_next, 0.99) == pytest.approx(-50.5)
-    assert td_target(r, np.array([True]), q_next, 0.99) == -1.0
+def test_control_on_mountaincar_a_termination_is_the_goal():
+    """Negative control: pushing the way the car moves takes it to the flag at 0.5, and that is what terminates."""
+    terminated, truncated, s = ending("mountaincar", lambda s: 2 if s[1] >= 0 else 0)
+    assert (terminated, truncated) == (True, False) and s[0] >= 0.5

@@ -135,81 +135,107 @@ def test_control_a_fixed_divisor_does_only_scale():
         assert weighted_mean(P, np.eye(2)[i], 1.0, None, 2) / largest == pytest.approx(0.5 / 2.5)
 
 
+def stale_data(mix, is_exponent, rate=0.01):
+    """What 900 old transitions have beside 100 new ones of equal |δ|: (of the draws, of the weighted loss)."""
+    replay = RecencyReplay(1000, 1, mix=mix, recency_rate=rate)
+    for _ in range(1000):
+        replay.add(0.0, 0, 0.0, 0.0, False)
+    P = replay.probabilities()
+    in_loss = normalise(P * importance_weights(P, 1000, is_exponent, None))
+    return P[:900].sum(), in_loss[:900].sum()
+
+
 @claim(
     "W3",
-    place="section Importance Sampling",
-    says="one may favour recent transitions and then correct the sampling bias by importance weights",
-    verdict="ambiguous: full correction takes all of the recency back, half of it half",
-    uses="replay.importance_weights, replay.time_priority",
+    place="sections Recency and TD-error and Importance Sampling",
+    says="the data from after a drift are prioritised, and the bias of doing so is corrected",
+    verdict="fails: the one undoes the other, and in the loss P^(1 − exponent) is left of the priorities",
+    uses="replay.RecencyReplay.probabilities, replay.importance_weights",
 )
-def test_full_correction_undoes_recency():
-    """900 old transitions and 100 new ones, by recency alone at α = 0.01: what part of the update the old ones get."""
-    P = normalise(time_priority(np.arange(1000), 0.01))
-    old = np.arange(1000) >= 100
-    parts = [normalise(P * importance_weights(P, 1000, exponent, None))[old].sum() for exponent in (0, 0.5, 1)]
-    assert parts == pytest.approx([0.3679, 0.6039, 0.9000], abs=1e-4)
-    shows("900 old of 1,000, α = 0.01: 0.3679 of the draws are old, of the update 0.6039 at exponent ½, 0.9000 at 1")
+def test_correcting_the_bias_undoes_the_priorities():
+    """P w is in proportion to P^(1 − exponent); with exponent 1 every transition has the same part of the loss."""
+    drawn, halved = stale_data(mix=0, is_exponent=0.5)
+    _, corrected = stale_data(mix=0, is_exponent=1)
+    assert drawn == pytest.approx((np.exp(-1) - np.exp(-10)) / (1 - np.exp(-10)))
+    assert halved == pytest.approx((np.exp(-0.5) - np.exp(-5)) / (1 - np.exp(-5)))
+    assert corrected == pytest.approx(0.9)
+    shows(
+        f"900 old, 100 new, recency alone, α = 0.01: old data have {drawn:.3f} of the draws, "
+        f"{halved:.3f} of the loss with exponent ½, {corrected:.3f} with 1"
+    )
 
 
 @control("W3")
-def test_control_without_recency_there_is_nothing_to_undo():
-    """Negative control: at α = 0 the old ones get nine tenths, whatever the exponent."""
-    P = normalise(time_priority(np.arange(1000), 0.0))
-    for exponent in (0, 0.5, 1):
-        assert normalise(P * importance_weights(P, 1000, exponent, None))[100:].sum() == pytest.approx(0.9)
+def test_control_there_is_a_conflict_only_with_both():
+    """Negative control: without the correction the priority stays; without priorities there is nothing to correct."""
+    drawn, in_loss = stale_data(mix=0, is_exponent=0)
+    assert in_loss == pytest.approx(drawn) and drawn < 0.37
+    assert stale_data(mix=0, is_exponent=1, rate=0) == pytest.approx((0.9, 0.9))
 
 
 @claim(
     "W4",
-    place="section Importance Sampling",
-    says="β is the exponent of the importance weights and the mixing coefficient of Eq. 10",
-    verdict="ambiguous: one letter for two; taken as one number, unbiased weights and recency exclude each other",
-    uses="replay.importance_weights, replay.mixed_priority",
+    place="section Importance Sampling, Eq. 10",
+    says="one β is the mixing coefficient and the exponent of the weights",
+    verdict="ambiguous: were it one, all recency would go without correction and all correction without recency",
+    uses="replay.RecencyReplay.probabilities, replay.importance_weights",
 )
-def test_one_beta_for_both_leaves_no_choice():
-    """β = 1 is unbiased and has no recency; β = 0 is recency alone, and its weights correct nothing."""
-    p_td, p_time = np.array([1.0, 3.0]), np.array([0.5, 1.0])
-    assert (mixed_priority(p_td, p_time, 1.0) == p_td).all()
-    assert (mixed_priority(p_td, p_time, 0.0) == p_time).all()
-    assert (importance_weights(normalise(p_time), 2, 0.0, None) == 1).all()
-    shows("β = 1: p = p^TD and full correction; β = 0: p = p^time and none. The code has mix and is_exponent")
+def test_with_a_single_beta_recency_and_correction_exclude_each_other():
+    """β = 0: draws by recency alone, w = 1. β = 1: the weights correct in full, and P has no recency in it."""
+    drawn, in_loss = [], []
+    for beta in (0, 0.5, 1):
+        replay = RecencyReplay(2, 1, mix=beta, recency_rate=np.log(2), priority_offset=0.0, priority_exponent=1.0)
+        for _ in range(2):
+            replay.add(0.0, 0, 0.0, 0.0, False)
+        replay.update_priorities(np.arange(2), np.array([3.0, 1.0]))  # the old one has the larger |δ|
+        P = replay.probabilities()
+        drawn.append(P[0])
+        in_loss.append(normalise(P * importance_weights(P, 2, beta, None))[0])
+    assert drawn == pytest.approx([1 / 3, 7 / 11, 3 / 4])
+    assert in_loss == pytest.approx([1 / 3, 1 / (1 + np.sqrt(4 / 7)), 1 / 2])
+    shows(
+        "|δ| = (3, 1), e^{−α age} = (½, 1): with β = 0, ½, 1 P(1) = 1/3, 7/11, 3/4, its part of the loss 1/3, 0.57, ½"
+    )
 
 
 @control("W4")
-def test_control_two_numbers_can_have_both():
-    """Negative control: half of the recency and full correction, as two parameters allow."""
-    p_td, p_time = np.array([1.0, 3.0]), np.array([0.5, 1.0])
-    P = normalise(mixed_priority(p_td, p_time, 0.5))
-    assert (normalise(p_td) != P).all()
-    assert (P * importance_weights(P, 2, 1.0, None)).tolist() == pytest.approx([0.5, 0.5])
+def test_control_two_symbols_allow_recency_with_full_correction():
+    """Negative control: with a β each, here 0 and 1, draws by recency alone are corrected in full."""
+    drawn, in_loss = stale_data(mix=0, is_exponent=1)
+    assert drawn < 0.37 and in_loss == pytest.approx(0.9)
 
 
 @claim(
     "W5",
     place="section Importance Sampling",
-    says="the importance weights stay bounded",
-    verdict="holds if ε > 0: w ≤ (Σp / (N p_min))^β, and p ≥ mix · ε^γ",
-    uses="replay.importance_weights, replay.RecencyReplay.probabilities, replay.td_priority",
+    says="the weights are bounded: w ≤ (Σp / (N β ε^γ))^b with b the exponent, their mean is 1 with b = 1, less before",
+    verdict="holds if β > 0 and ε > 0",
+    uses="replay.RecencyReplay.probabilities, replay.importance_weights, replay.td_priority",
 )
-@given(st.integers(0, 10**6), st.integers(1, 40), st.floats(0.01, 1), st.floats(0, 1))
-def test_the_weights_are_bounded(seed, n, mix, exponent):
-    """The least priority is that of an old transition without error, β ε^γ; with exponent 1 the weights average 1."""
-    rng = np.random.default_rng(seed)
-    replay = RecencyReplay(n, 1, mix=mix, recency_rate=0.1)
+@given(st.integers(0, 10**6), st.integers(1, 30), st.floats(0.01, 1), st.floats(0, 100), st.floats(0, 1))
+def test_the_weights_are_bounded(seed, n, mix, rate, exponent):
+    """p ≥ β ε^γ bounds them; E_P[w] = Σ P (1/(N P))^b is 1 at b = 1, and at most 1 below it, as x^b is concave."""
+    replay = RecencyReplay(n, 1, mix=mix, recency_rate=rate)
     for _ in range(n):
         replay.add(0.0, 0, 0.0, 0.0, False)
-    replay.update_priorities(np.arange(n), rng.normal(size=n) * rng.integers(2, size=n))
+    delta = np.random.default_rng(seed).standard_cauchy(n)
+    replay.update_priorities(np.arange(n), delta)
     P = replay.probabilities()
-    total = mixed_priority(replay.tree.total(), replay.time_total(), mix)
-    least = mix * td_priority(0.0, replay.priority_offset, replay.priority_exponent)
-    weights = importance_weights(P, n, exponent, None)
-    assert weights.max() <= (total / (n * least)) ** exponent * (1 + 1e-9)
-    assert (P * importance_weights(P, n, 1.0, None)).sum() == pytest.approx(1, rel=1e-9)
-    shows("w ≤ (Σp / (N β ε^γ))^β on random buffers; E[w] = 1 at exponent 1; all weights 1 where P is uniform")
+    offset, power = replay.priority_offset, replay.priority_exponent
+    total = mixed_priority(td_priority(delta, offset, power), time_priority(replay.age(np.arange(n)), rate), mix).sum()
+    w = importance_weights(P, n, exponent, None)
+    assert (w <= (total / (n * mix * td_priority(0, offset, power))) ** exponent * (1 + 1e-9)).all()
+    assert P @ w <= 1 + 1e-9
+    assert P @ importance_weights(P, n, 1.0, None) == pytest.approx(1)
+    assert importance_weights(P, n, exponent).max() == 1
+    assert importance_weights(np.full(n, 1 / n), n, exponent, None) == pytest.approx(np.ones(n))
+    shows("random buffers with Cauchy TD errors; a uniform P gives w = 1; divided by the batch's largest w ≤ 1")
 
 
 @control("W5")
-def test_control_without_the_offset_a_weight_has_no_bound():
-    """Negative control: a priority of 10⁻³⁰⁰ in place of ε^γ gives a weight of about that much above the other."""
-    P = normalise(np.array([1e-300, 1.0]))
-    assert importance_weights(P, 2, 1.0, None).max() > 1e299
+def test_control_without_an_offset_they_are_not_bounded():
+    """Negative control: with ε = 0 a |δ| of 10^−9 beside 1 has w = 5 · 10⁸; and below b = 1 the mean is below 1."""
+    P = normalise(td_priority(np.array([1.0, 1e-9]), 0, 1))
+    assert importance_weights(P, 2, 1.0, None)[1] == pytest.approx(5e8)
+    biased = np.array([0.8, 0.2])
+    assert biased @ importance_weights(biased, 2, 0.5, None) == pytest.approx(0.9487, abs=5e-5)
