@@ -6,7 +6,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test bench notebooks clean
+.PHONY: train test bench notebooks mutants clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
@@ -22,6 +22,10 @@ bench: .venv/train
 notebooks: .venv/test
 	$(BIN)/python notebooks/render.py
 
+mutants: .venv/test
+	$(BIN)/pip install --quiet --editable '.[dev,mutants]'
+	$(BIN)/python tests/mutants.py
+
 .venv/train: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --editable .
@@ -33,4 +37,4 @@ notebooks: .venv/test
 	touch $@ .venv/train
 
 clean:
-	rm -rf .venv runs
+	rm -rf .venv runs mutants

@@ -39,6 +39,8 @@ def describe(factors, separator=", "):
 
     >>> describe({"gravity": 1.5, "pole_mass": 1.0, "cart_mass": 2.0})
     'gravity × 1.5, cart mass × 2'
+    >>> describe({"gravity": 1.0})
+    'stock physics'
     """
     changed = [f"{name.replace('_', ' ')} × {factor:g}" for name, factor in factors.items() if factor != 1]
     return separator.join(changed) or "stock physics"

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from strategies import positives, reals, rngs, sizes, vectors
 
+from gbdqn_ref.config import Config
 from gbdqn_ref.replay import ProportionalReplay, RecencyReplay, SumTree, UniformReplay, importance_weights
 
 D = 2
@@ -222,6 +223,19 @@ def test_check_valid_finds_damage(array, place, value):
     array(replay)[place] = value
     with pytest.raises(AssertionError):
         replay.check_valid()
+
+
+def test_check_valid_finds_a_negative_priority_whose_sums_agree():
+    replay = fill(ProportionalReplay(40, D), 30)
+    replay.tree.set(np.array([3]), -1.0)
+    with pytest.raises(AssertionError):
+        replay.check_valid()
+
+
+def test_a_buffer_and_a_config_have_the_same_defaults():
+    config, proportional, recency = Config(), ProportionalReplay(1, D), RecencyReplay(1, D)
+    for name in ("priority_offset", "priority_exponent", "is_exponent", "normalise"):
+        assert getattr(config, name) == getattr(proportional, name) == getattr(recency, name)
 
 
 # --- importance weights ----------------------------------------------------------------------------------------------
