@@ -1,4 +1,7 @@
-"""The ledger: which check decides which claim of the paper, and how. `--ledger` writes it into README.md."""
+"""The ledger: which check decides which claim of the paper, and how; and where each numbered place of it is found.
+
+`--ledger` writes both into README.md.
+"""
 
 import json
 import re
@@ -8,9 +11,31 @@ import pytest
 
 README = Path(__file__).with_name("README.md")
 BEGIN, END = "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->", "<!-- end of ledger -->"
+PLACES_BEGIN, PLACES_END = "<!-- concordance: written with the ledger -->", "<!-- end of concordance -->"
+PLACES = {f"eq{n}": f"Eq. {n}" for n in range(1, 12)} | {f"theorem{n}": f"Theorem {n}" for n in range(1, 5)}
+PLACES["algorithm1"] = "Algorithm 1"
+SECTIONS = (  # the headings of the paper that places name
+    "Introduction",
+    "Related Work",
+    "Methodology",
+    "Gradient Boosted DQN",
+    "Recency and TD-error",
+    "Ensemble Target Networks",
+    "Algorithm",
+    "Theoretical Analysis",
+    "Experimental Results",
+    "Acrobot",
+    "MountainCar",
+    "Hopper",
+    "Conclusions",
+)
+NOTEBOOKS = {
+    path.stem: path.read_text(encoding="utf-8").replace("\n# ", "\n")
+    for path in sorted(README.parent.parent.glob("notebooks/[0-9]*.py"))
+}
 GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X")  # in the order of the paper
-HEADER = "| | claim | place | verdict | what decides it | functions | check |\n|---|---|---|---|---|---|---|\n"
-FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "check")
+HEADER = "| | claim | place | verdict | what decides it | functions | notebooks | check |\n" + 8 * "|---" + "|\n"
+FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "notebooks", "check")
 NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
         "T2-n",
@@ -27,7 +52,7 @@ NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
         "X11",
         "CartPole was among the benchmarks",
-        "section Conclusion",
+        "section Conclusions",
         "the paper shows none of it",
     ),
     (
@@ -63,6 +88,7 @@ def shows(figure):
     """Take down the figure that decides the claim of the running test; the ledger in README.md must have the same."""
     check = f"`{current.path.name}` {current.originalname.removeprefix('test_')}"
     row = current.get_closest_marker("claim").kwargs | {"figure": figure, "check": check}
+    row["notebooks"] = ", ".join(link(name) for name in NOTEBOOKS if row["id"] in cited(NOTEBOOKS[name]))
     if ("claim", row) not in current.user_properties:
         current.user_properties.append(("claim", row))
     if not current.config.getoption("--ledger"):
@@ -86,6 +112,21 @@ def markers(place):
     return names
 
 
+def cited(text):
+    """The claims that a notebook's text cites.
+
+    >>> sorted(cited("falls (claims T1-a, M3). By Eq. 4, M9 (claim C1, D5)"))
+    ['C1', 'M3', 'T1-a']
+    """
+    after = " ".join(re.findall(r"\bclaims? ([^.;:)]*)", text))
+    return set(re.findall(r"\b[MRWPABCX]\d+\b|\bT\d-\w", after))
+
+
+def link(notebook, text=""):
+    """A link from README.md to a notebook: its number, and a text."""
+    return f"[{int(notebook[:2])}](../notebooks/{notebook}.ipynb){text}"
+
+
 def position(id):
     """Where a claim stands in the ledger: ("T1-b" is the second of group T1).
 
@@ -99,8 +140,22 @@ def position(id):
 def table(rows):
     """The ledger as a Markdown table, from dicts with FIELDS."""
     lines = ["| " + " | ".join(row[field].replace("|", "\\|") for field in FIELDS) + " |\n" for row in rows]
-    missing = [f"| {id} | {says} | {place} | not checkable: {why} | | | |\n" for id, says, place, why in NOT_CHECKABLE]
+    missing = [
+        f"| {id} | {says} | {place} | not checkable: {why} | | | | |\n" for id, says, place, why in NOT_CHECKABLE
+    ]
     return HEADER + "".join(sorted(lines + missing, key=lambda line: position(line.split(" | ")[0][2:])))
+
+
+def concordance(rows):
+    """For each numbered place of the paper: what computes it, the notebooks with a heading on it, and its claims."""
+    text = "| | functions | notebooks | claims |\n|---|---|---|---|\n"
+    for marker, place in PLACES.items():
+        here = [row for row in rows if row["check"] and marker in markers(row["place"])]
+        uses = dict.fromkeys(name for row in here for name in row["uses"].split(", ") if name)
+        headings = [(name, title) for name in NOTEBOOKS for title in re.findall(r"^##+ (.*)", NOTEBOOKS[name], re.M)]
+        shown = [link(name, f" {title}") for name, title in headings if marker in markers(title)]
+        text += f"| {place} | {', '.join(uses)} | {'<br>'.join(shown)} | {', '.join(row['id'] for row in here)} |\n"
+    return text
 
 
 def committed():
@@ -112,10 +167,13 @@ def committed():
 
 
 def write(path, rows):
-    """Write the table to a file, or into its place in README.md, and the rows to ledger.json beside it."""
-    path, text = Path(path), table(rows)
-    if path.exists() and BEGIN in (page := path.read_text(encoding="utf-8")):
-        text = page.split(BEGIN)[0] + BEGIN + "\n\n" + text + "\n" + END + page.split(END)[1]
-    path.write_text(text, encoding="utf-8")
-    content = json.dumps(sorted(rows, key=lambda row: position(row["id"])), indent=1, ensure_ascii=False)
+    """Write ledger and concordance to a file, or into their places in README.md, and the rows to ledger.json."""
+    path, rows = Path(path), sorted(rows, key=lambda row: position(row["id"]))
+    page = path.read_text(encoding="utf-8") if path.exists() else ""
+    if BEGIN not in page:
+        page = f"{BEGIN}\n{END}\n\n{PLACES_BEGIN}\n{PLACES_END}\n"
+    for begin, end, text in ((BEGIN, END, table(rows)), (PLACES_BEGIN, PLACES_END, concordance(rows))):
+        page = f"{page.split(begin)[0]}{begin}\n\n{text}\n{end}{page.split(end)[1]}"
+    path.write_text(page, encoding="utf-8")
+    content = json.dumps(rows, indent=1, ensure_ascii=False)
     path.with_name("ledger.json").write_text(content + "\n", encoding="utf-8")

@@ -191,7 +191,7 @@ def test_control_the_weighted_alpha_lowers_it(seed):
 
 @claim(
     "M16",
-    place="section Q-function Boosting",
+    place="section Gradient Boosted DQN",
     says="the softmax policy is a distribution that prefers larger Q",
     verdict="holds if τ > 0",
     uses="bellman.softmax_policy",

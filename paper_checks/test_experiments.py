@@ -86,7 +86,7 @@ def test_a_mean_at_the_edge_leaves_no_room_for_a_std():
 
 @claim(
     "X15",
-    place="section Acrobot and MountainCar, tables",
+    place="section Acrobot, section MountainCar, tables",
     says="the other means and stds are possible",
     verdict="holds",
     uses="stats.final_return",
@@ -316,7 +316,7 @@ def test_control_the_controls_separate_the_two():
 
 @claim(
     "X13",
-    place="sections Q-function Boosting and Acrobot",
+    place="section Gradient Boosted DQN, section Acrobot",
     says="the behaviour policy",
     verdict="ambiguous: softmax in the text and in Algorithm 1, ε-greedy in the experiments",
     uses="bellman.softmax_policy",

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 from pathlib import Path
 
 import ledger
@@ -9,6 +10,7 @@ import pytest
 
 FILES = sorted(Path(__file__).parent.glob("test_*.py"))
 ROWS = ledger.committed()
+CONCORDANCE = ledger.README.read_text(encoding="utf-8").split(ledger.PLACES_BEGIN)[1].split(ledger.PLACES_END)[0]
 
 
 def decorators(name):
@@ -48,6 +50,35 @@ def test_every_function_and_check_that_is_named_exists(id):
     assert (file, f"test_{test}") in {(path, function) for path, function, _ in CLAIMS}
 
 
+@pytest.mark.parametrize("notebook", ledger.NOTEBOOKS)
+def test_every_claim_that_a_notebook_cites_is_in_the_ledger(notebook):
+    assert ledger.cited(ledger.NOTEBOOKS[notebook]) <= ROWS.keys()
+
+
+@pytest.mark.parametrize("marker", ledger.PLACES)
+def test_every_numbered_place_has_a_claim_a_function_and_a_notebook(marker):
+    row = next(line for line in CONCORDANCE.splitlines() if line.startswith(f"| {ledger.PLACES[marker]} |"))
+    assert all(cell.strip() for cell in row.split("|")[1:-1])
+
+
+def test_every_line_of_algorithm_1_is_in_the_notebook_on_it():
+    """That each is found in the code is asserted there."""
+    lines = re.search(r"^LINES = (\(.*?^\))", ledger.NOTEBOOKS["06_algorithm"], re.M | re.S)[1]
+    printed = ",".join(re.findall(r'^ +\("([\d–, ]+)",', lines, re.M)).split(",")
+    spans = [[int(number) for number in part.split("–")] for part in printed]
+    assert sorted(n for span in spans for n in range(span[0], span[-1] + 1)) == list(range(1, 30))
+
+
+def test_the_committed_concordance_is_that_of_ledger_and_notebooks():
+    assert CONCORDANCE.strip() == ledger.concordance(ROWS.values()).strip()
+
+
+def test_every_section_that_is_named_is_one_of_the_paper():
+    for row in ROWS.values():
+        for name in re.findall(r"section (.+?)(?:, |$)", row["place"]):
+            assert re.sub(r" Algorithm 1.*", "", name) in ledger.SECTIONS, row["place"]
+
+
 def test_the_places_give_the_markers():
     assert ledger.markers("Theorem 3 and Eqs. 10–11") == ["theorem3", "eq10", "eq11"]
     assert ledger.markers("Algorithm 1, line 17") == ["algorithm1"]
@@ -56,7 +87,8 @@ def test_the_places_give_the_markers():
 def test_a_row_survives_being_written_and_read(tmp_path, monkeypatch):
     row = dict.fromkeys(ledger.FIELDS, "x") | {"id": "M1", "figure": "|1 − α| ≤ 1"}
     page = tmp_path / "README.md"
-    page.write_text(f"before\n{ledger.BEGIN}\nold\n{ledger.END}\nafter\n")
+    places = f"{ledger.PLACES_BEGIN}\nold\n{ledger.PLACES_END}"
+    page.write_text(f"before\n{ledger.BEGIN}\nold\n{ledger.END}\n{places}\nafter\n")
     monkeypatch.setattr(ledger, "README", page)
     monkeypatch.setattr(ledger, "NOT_CHECKABLE", ())
     ledger.write(page, [row])

@@ -45,7 +45,7 @@ def test_control_with_a_moving_target_the_slope_is_another():
 
 @claim(
     "M5",
-    place="section Boosting, after Eq. 3",
+    place="section Gradient Boosted DQN, after Eq. 3",
     says="the weights of the loss correct the bias of non-uniform sampling",
     verdict="holds if their exponent is 1, they are not normalised, and nothing that matters has P = 0",
     uses="replay.importance_weights, bellman.weighted_loss",
@@ -159,7 +159,7 @@ def test_control_without_shrinkage_the_two_are_one():
 
 @claim(
     "M14",
-    place="section Boosting, after Eq. 8",
+    place="section Gradient Boosted DQN, after Eq. 8",
     says="the boosters reduce the residual one after the other",
     verdict="holds if the target stays frozen; a learner of the same linear class then finds nothing more",
     uses="boosting.closed_form_alpha",
@@ -191,7 +191,7 @@ def test_control_a_learner_of_another_class_finds_more():
 
 @claim(
     "M15",
-    place="section Boosting, after Eq. 8",
+    place="section Gradient Boosted DQN, after Eq. 8",
     says="boosters each of which lowers the residual lower it to 0",
     verdict="fails: steps that help less and less may end anywhere",
     uses="boosting.closed_form_alpha",

@@ -86,7 +86,7 @@ def weighted_mean(P, f, exponent, normalise_by, batch_size):
 
 @claim(
     "W1",
-    place="section Importance Sampling",
+    place="section Recency and TD-error, importance weights",
     says="the importance weights correct the bias of prioritized sampling",
     verdict="holds if their exponent is 1 and they are not normalised",
     uses="replay.importance_weights",
@@ -109,7 +109,7 @@ def test_control_a_smaller_exponent_is_biased(exponent, value):
 
 @claim(
     "W2",
-    place="section Importance Sampling",
+    place="section Recency and TD-error, importance weights",
     says="dividing the weights by their largest only scales the update",
     verdict="fails: by the batch's largest it brings the bias back",
     uses="replay.importance_weights",
@@ -147,7 +147,7 @@ def stale_data(mix, is_exponent, rate=0.01):
 
 @claim(
     "W3",
-    place="sections Recency and TD-error and Importance Sampling",
+    place="section Recency and TD-error",
     says="the data from after a drift are prioritised, and the bias of doing so is corrected",
     verdict="fails: the one undoes the other, and in the loss P^(1 − exponent) is left of the priorities",
     uses="replay.RecencyReplay.probabilities, replay.importance_weights",
@@ -175,7 +175,7 @@ def test_control_there_is_a_conflict_only_with_both():
 
 @claim(
     "W4",
-    place="section Importance Sampling, Eq. 10",
+    place="section Recency and TD-error, importance weights, Eq. 10",
     says="one β is the mixing coefficient and the exponent of the weights",
     verdict="ambiguous: were it one, all recency would go without correction and all correction without recency",
     uses="replay.RecencyReplay.probabilities, replay.importance_weights",
@@ -207,7 +207,7 @@ def test_control_two_symbols_allow_recency_with_full_correction():
 
 @claim(
     "W5",
-    place="section Importance Sampling",
+    place="section Recency and TD-error, importance weights",
     says="the weights are bounded: w ≤ (Σp / (N β ε^γ))^b with b the exponent, their mean is 1 with b = 1, less before",
     verdict="holds if β > 0 and ε > 0",
     uses="replay.RecencyReplay.probabilities, replay.importance_weights, replay.td_priority",

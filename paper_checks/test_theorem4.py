@@ -153,7 +153,7 @@ def test_control_with_every_pair_in_the_data_both_examples_adapt():
 
 @claim(
     "C1",
-    place="section Conclusion",
+    place="section Conclusions",
     says="non-trivial drift always gives a positive TD error",
     verdict="fails: drift can leave δ at 0, make it negative, or lower it",
     uses="tabular.MDP",
@@ -187,7 +187,7 @@ def test_control_a_change_of_reward_alone_is_seen():
 
 @claim(
     "C2",
-    place="section Conclusion",
+    place="section Conclusions",
     says="what takes its place: (1 − γ) ‖ΔQ*‖∞ ≤ ‖𝒯_new Q*_old − Q*_old‖∞ ≤ (1 + γ) ‖ΔQ*‖∞",
     verdict="holds",
     uses="tabular.MDP",
