@@ -7,9 +7,11 @@
 Killed at any moment and started again, a study ends with the same bytes as one that was left alone.
 """
 
+import os
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, wait
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
 
 from tqdm import tqdm
 
@@ -79,8 +81,18 @@ def _check_folder(configs, out):
 
 
 def _train_in_processes(jobs, left, runs_of_bar, bar):
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_die_with_parent) as executor:
         return _train_all(executor, left, runs_of_bar, bar)
+
+
+def _die_with_parent():
+    """In a worker: where the study is killed, leave its run to the next one that is started."""
+
+    def watch():
+        parent_process().join()
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _train_all(executor, left, runs_of_bar, bar):

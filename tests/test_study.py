@@ -1,5 +1,6 @@
 """A study leaves the same bytes however its runs were spread, and whatever was killed on the way."""
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -93,6 +94,23 @@ def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential)
         time.sleep(0.01)
     assert study.run_study(CONFIGS, out, Here(), quiet=True) == {}
     assert contents(out) == sequential
+
+
+def test_workers_die_with_their_study_and_so_leave_its_runs_to_the_next(tmp_path):
+    out = tmp_path / "out"
+    process = subprocess.Popen(command(out, "--set", "episodes=1000000"), env=environ(), start_new_session=True)
+    try:
+        while len(list(out.glob("*/episodes.csv"))) < 2:
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+        latest = time.monotonic() + 20
+        while not all(map(is_free, out.glob("*-*"))):
+            assert time.monotonic() < latest, "a worker goes on"
+            time.sleep(0.05)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def is_free(folder):
