@@ -30,7 +30,8 @@ rng = np.random.default_rng(0)
 # | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters, one row of a stack |
 # | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer |
 #
-# All boosters are frozen: the only thing one can do with an ensemble is ask it, or add one more.
+# All boosters are frozen: the only thing one can do with an ensemble is ask it, or add one more, which adds its term
+# (claim M1).
 
 # %%
 source(Ensemble)
@@ -84,7 +85,7 @@ assert np.allclose(second, ensemble.terms(x)[1], atol=1e-6)
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $y_i - Q_i$ | `error` | (B,) | residual |
-# | $w_i$ | `weight` | (B,) | importance weight, from notebook 5 |
+# | $w_i$ | `weight` | (B,) | importance weight, from notebook 5 (claim M5) |
 # | $L$ | `weighted_loss(error, weight)` | scalar | a mean instead of a sum, so that it does not scale with B (D2) |
 # | $\partial L/\partial Q$ | `loss_gradient(error, weight, a, n_actions)` | (B, A) | 0 at actions that were not taken |
 
@@ -269,7 +270,9 @@ assert len(set(readings.values())) == 4
 #
 # (Eq. 7 is printed with min; the least *value* is not the best *α*: for r = h = 1 one is 0 and the other 1, claim M10.)
 # To derive it, expand the square: $\sum r^2 - 2\alpha A + \alpha^2 B$, a parabola in $\alpha$. Its slope
-# $-2A + 2\alpha B$ is zero at $A/B$, where its height is $\sum r^2 - A^2/B$. **That last sentence is all of Theorem 1.**
+# $-2A + 2\alpha B$ is zero at $A/B$, where its height is $\sum r^2 - A^2/B$ (claim M11). **That last sentence is all of
+# Theorem 1.** In supervised learning, where targets stand still, it says that no step ever raises the training loss
+# (claims M14, T1-k); it does not say that the loss ends at 0, since steps may help less and less (claim M15).
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
@@ -349,7 +352,8 @@ assert np.isclose(unweighted, -5 / 4) and np.isclose((w * (r - unweighted * h) *
 
 # %% [markdown]
 # Eq. 8 turns the exact fit around and raises the very loss that it was fitted to, from 2 to 45/16. With the weights in
-# its sums it cannot: the weighted loss falls by $A_w^2/B_w$. The code uses those (D7).
+# its sums it cannot: the weighted loss falls by $A_w^2/B_w$ (claim T1-e). The code uses those (D7), and takes them over
+# the whole buffer: the α of a minibatch may raise the loss of the rest (claim T1-j).
 #
 # **Exercise 3.** Show on random numbers that a booster which fits no worse than 0 does, $\sum (r - h)^2 \le \sum r^2$, has
 # α ≥ ½. (Expand the square.)
@@ -370,7 +374,8 @@ for _ in range(1000):
 # When the next drift comes, $h_m$ is frozen with its weight and becomes part of $Q_{m-1}$. In the agent this is one
 # function. Besides `ensemble.add` it does the trick that makes boosting cheap: the frozen predictions
 # $Q_{m-1}(s_i, a_i)$ and $Q_{m-1}(s'_i, \cdot)$ of every stored transition are kept in two arrays, and folding in adds
-# one booster's share to them. A training step then touches only the newest network, however many there are (claim M17).
+# one booster's share to them. A training step then touches only the newest network, however many there are (claims M17,
+# M19); each of them is as large as the first, so that "lightweight" is not the word (claim M18).
 
 # %%
 from gbdqn_ref.gbdqn import GBDQN

@@ -183,7 +183,7 @@ assert (pair[0].q(ONE_HOT) == pair[1].q(ONE_HOT)).all()
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $\bar Q(s'_i,\cdot)$ | `q_next` | (B, A) | $\bar Q_{m-1}$ if frozen, $\bar Q_m$ if live |
+# | $\bar Q(s'_i,\cdot)$ | `q_next` | (B, A) | $\bar Q_{m-1}$ if frozen, $\bar Q_m$ if live; its largest entry counts (claim P2) |
 # | $y_i$ | `y` | (B,) | the target, without bootstrap at a terminal state (D1) |
 # | $\hat y_i$ | `residual` | (B,) | Eq. 4 |
 # | $h_m(s_i,a_i)$ | `h` | (B,) | the learner's answer |
@@ -194,7 +194,8 @@ assert (pair[0].q(ONE_HOT) == pair[1].q(ONE_HOT)).all()
 source(GBDQN.learn)
 
 # %% [markdown]
-# The same update, naively: one sample after the other, asking the ensemble itself and not the cache.
+# The same update, naively: one sample after the other, asking the ensemble itself and not the cache. (A mean with ½ or the
+# sum without: to Adam it is nearly the same, claim A6.)
 
 # %%
 agent = table_agent(target="frozen", loss_on="h", replay="recency", batch_size=8)
@@ -512,7 +513,8 @@ assert [first[k] for k in (1, 2, 3)] == [18, 129, 1]
 # After three boosts 97.03 and 99.70 of 100 are left to the letter (claims B4, B6), and 99.67 if the target is live but
 # the loss is on $h$. On the loop no policy can go wrong, so look at the corridor too. News of the goal travels one room
 # per boost at best (claim B8), and the promise of the old goal is taken back only slowly: it takes 18 boosts, or 129,
-# until the last room has turned (claim B9). Value and policy are two questions, and both answers are needed.
+# until the last room has turned (claim B9). Value and policy are two questions, and both answers are needed. And where
+# drifts go on, what is left of one is still there at the next (claim B10).
 #
 # **Exercise 3.** How many boosts halve the error at worst, under each reading (claim B7)? And in which rooms is Q,
 # after three boosts of reading 1, *exactly* what it was before the drift?

@@ -236,7 +236,8 @@ assert fixed_part == [F(1, 4) ** m for m in range(12)]
 # $$Q_m = 2 \prod_{k=1}^{m} \Big(1 - \frac{1}{(k+1)^2}\Big) = \frac{m+2}{m+1} \;\to\; 1, \qquad
 #   E = (Q/2)^2 \to \tfrac14 .$$
 #
-# A walk whose steps shrink fast enough never arrives: each step lowers E, and none lowers it below ¼ (claim T2-h). A
+# What falls and is bounded below converges (claim T2-g), but a walk whose steps shrink fast enough never arrives: each step
+# lowers E, and none lowers it below ¼ (claim T2-h); the steps must sum to infinity (claim B11). A
 # fall *by a fixed part*, $E_m \le (1-c)E_{m-1}$ with one c > 0, does reach 0, since $(1-c)^m$ is a geometric sequence.
 # With α = 1 the same loop keeps γ² = ¼ of its error at each step (the end of the cell).
 #
@@ -451,8 +452,9 @@ right.legend(loc="center left", bbox_to_anchor=(0.2, 0.38))
 plt.show()
 
 # %% [markdown]
-# Left, with recencies (1, ½), and (1, ¼) for the last pair: the lines cannot reach their diamonds, except where |δ| and
-# recency disagree (the circle, β = 1/7; claim T3-c), which is an accident of having two transitions only.
+# Left, with recencies (1, ½), and (1, ¼) for the last pair: the lines cannot reach their diamonds, except where the older
+# transition has the larger error (the circle, β = 1/7). With more transitions |δ| must rise with age along one certain
+# curve for that to happen (claim T3-c).
 #
 # **Exercise 3.** The second half of the theorem is about the variance of the estimate of $\sum_i f_i$ from one draw,
 # $V(P) = \sum f_i^2/P_i - (\sum f_i)^2$. Take |δ| = (1, 2, 4), recencies (1, ½, ¼). For f = |δ| · recency and for
@@ -473,7 +475,7 @@ report = []
 for name in rules:
     report.append(f"{name:8} V = {float(aged[name]):7.4f} for |δ| · recency, {float(plain[name]):7.4f} for |δ|")
 print("\n".join(report))
-# No: the best P is proportional to |f|. P* wins for the first f, and for the second, which the importance weights
+# No: the best P is proportional to |f| (claim T3-g). P* wins for the first f, and for the second, which the importance weights
 # w = 1/(N P) of GB-DQN estimate, PER (β = 1) wins and P* is the worst of the four.
 assert aged["P*"] == 0 and aged["β = 1/5"] == F(1, 10)
 assert plain["β = 1"] == 0 and plain["P*"] == 14 == max(plain.values())
@@ -559,7 +561,8 @@ assert reading_b.tolist() == [[9, 10]]
 # $$e_m \le (1 - \alpha(1-\gamma))\,e_{m-1} + \alpha\,\varepsilon \qquad\Longrightarrow\qquad
 #   \limsup_m e_m \le \frac{\varepsilon}{1-\gamma} .$$
 #
-# Derive it in one line: $Q_m - Q^* = (1-\alpha)(Q - Q^*) + \alpha(\mathcal{T}Q - \mathcal{T}Q^*) + \alpha(h - g)$.
+# Derive it in one line: $Q_m - Q^* = (1-\alpha)(Q - Q^*) + \alpha(\mathcal{T}Q - \mathcal{T}Q^*) + \alpha(h - g)$. The step
+# α is not in the bound: small steps do not make up for fits that keep missing (claim B12).
 
 # %%
 gamma, epsilon, boosts = 0.9, 0.1, 120
@@ -625,7 +628,24 @@ assert boosts_needed == [459, 4603]
 # | 4, part 1 | a bounded change, hence stable | true of every update; on the sample at most $\|r\|$ | T4-a, T4-b |
 # | 4, part 2 | $Q_m \to Q^*_{\text{new}}$ | every pair fitted within ε: within ε/(1 − γ) in the end | T4-c, T4-d |
 #
-# Two thoughts run through the table. A target that is computed from Q moves when Q moves: what is proved of a frozen
+# The smaller steps of the proofs (claims T1-b, T1-c, T1-i, T2-j, T2-l, T2-o, T2-p, T3-d, T3-e, T3-h, T3-i, T3-j):
+#
+# | | the step | |
+# |---|---|---|
+# | T1-b | every line of the proof of Theorem 1 | holds |
+# | T1-c | B > 0 unless h = 0 | on the sample: h(s) = s(1 − s) at s = 0 and 1 has B = 0 |
+# | T1-i | random rewards do no harm | the residual falls down to their noise, and no further |
+# | T2-j | $E_\mu$ depends on Q in $L_2(\mu)$ alone | no, $\mathcal{T}$ looks where μ does not |
+# | T2-l | μ may be the buffer's | if it stands still |
+# | T2-o | *some* direction always lowers $E_\mu$ | yes, $(I - \gamma P_\pi)^{-1} g$, but that is not the residual g |
+# | T2-p | somewhere the residual itself descends | for a fixed policy, with μ its stationary distribution |
+# | T3-d | the mixture nearest to the product in KL is the product | no: of \|δ\| = (1, 2, 4) and recencies (1, ½, ¼) the product is even, the nearest mixture (5, 4, 5)/14 |
+# | T3-e | \|δ\|^γ tends to \|δ\| | if γ tends to 1, not as the buffer grows |
+# | T3-h | the theorem's rule is Eq. 10's | with ε = 0 and 0 < β < 1 |
+# | T3-i | each P(i) tends to P*(i) | of the newest transition it is false: 0.00002 against 0.00995 at N = 10⁵ |
+# | T3-j | a transition's share of the gradient is \|δ\| · recency | it is \|δ − h\| ‖∇h‖, without an age |
+#
+# Two thoughts run through both tables. A target that is computed from Q moves when Q moves: what is proved of a frozen
 # one is a statement about *regression*. And the Bellman operator is a contraction in the sup norm alone, so a guarantee
 # needs *every* pair in the data, which a replay buffer does not offer.
 #

@@ -55,6 +55,11 @@ def test_every_claim_that_a_notebook_cites_is_in_the_ledger(notebook):
     assert ledger.cited(ledger.NOTEBOOKS[notebook]) <= ROWS.keys()
 
 
+def test_every_claim_is_cited_in_a_notebook():
+    shown = set().union(*map(ledger.cited, ledger.NOTEBOOKS.values()))
+    assert {arguments[0] for _, _, arguments in CLAIMS} <= shown
+
+
 @pytest.mark.parametrize("marker", ledger.PLACES)
 def test_every_numbered_place_has_a_claim_a_function_and_a_notebook(marker):
     row = next(line for line in CONCORDANCE.splitlines() if line.startswith(f"| {ledger.PLACES[marker]} |"))
