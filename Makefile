@@ -1,4 +1,4 @@
-# `make train`, `make test` and `make bench` need only Python ≥ 3.11, pip and make; each sets up .venv once.
+# Every target needs only Python ≥ 3.11, pip and make, and sets up .venv once.
 PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
