@@ -35,7 +35,7 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     folders = [Path(out) / f"{name}, {config.agent}-{config.seed}" for name in regimes]
     for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), study.die_with_parent) as executor:
         paths = [str(folder.resolve()) for folder in folders]
         trainings = executor.map(study.train_one, [each.to_dict() for each in configs], paths)
         list(tqdm(trainings, total=len(folders), unit="run", disable=quiet))

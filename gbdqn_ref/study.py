@@ -81,11 +81,11 @@ def _check_folder(configs, out):
 
 
 def _train_in_processes(jobs, left, runs_of_bar, bar):
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_die_with_parent) as executor:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), die_with_parent) as executor:
         return _train_all(executor, left, runs_of_bar, bar)
 
 
-def _die_with_parent():
+def die_with_parent():
     """In a worker: where the study is killed, leave its run to the next one that is started."""
 
     def watch():
