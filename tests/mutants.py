@@ -33,7 +33,7 @@ def change(name):
 
 def main():
     """Exit status 1 if too many survive, or one without a reason."""
-    mutmut("run", "none of them")  # only makes them
+    mutmut("run", "none of them", capture_output=True)  # makes them all, and complains that it ran none
     names = sorted(exit_codes())
     sample = sorted(random.Random(0).sample(names, SAMPLE))
     mutmut("run", *sample)
