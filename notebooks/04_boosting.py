@@ -225,6 +225,13 @@ round(float(elsewhere), 2)
 #
 # Both are called $J_m$, one without weights and one with them (claim M7). The second equality holds whenever $w_i \ge 0$
 # (claim M8): a weight may be moved inside a square as its root, *if it is moved onto both terms*.
+#
+# | paper | code | shape | what it is |
+# |---|---|---|---|
+# | $r_{i,m}$ | `residual` | (B,) | what booster m has to learn |
+# | $\alpha_m h_m(s_i, a_i)$ | `factor * h` | (B,) | what it says; `factor` is α or 1, of which more below |
+# | $w_i$ | `batch.weight` | (B,) | importance weight |
+# | $J_m$ | `weighted_loss(residual - factor * h, weight)` | scalar | the same function as in Eq. 3 |
 
 # %%
 r, h, w = rng.normal(size=4), rng.normal(size=4), np.array([0.1, 1.0, 0.5, 0.0])
@@ -258,6 +265,17 @@ assert len(set(readings.values())) == 4
 # Four readings, four learners. The code takes the second: the weights multiply the squared error, and the residual stays
 # as it is.
 #
+# **Exercise 3.** Only the sizes of the weights *relative to one another* should matter. Multiply w by 9. Which of the four
+# constants stay?
+
+# %% tags=["solution"] jupyter={"source_hidden": true}
+many = 9 * w
+assert np.isclose(closed_form_alpha(r, one, many), readings["fitted to r, with weights w"])  # stays, as does the first
+assert np.isclose(closed_form_alpha(many * r, one), 9 * readings["fitted to w r"])
+uneven = np.array([0.25, 4.0])  # √w r is 0 on average for the w above; with these weights it is −1/2
+assert np.isclose(closed_form_alpha(np.sqrt(9 * uneven) * r, one), 3 * closed_form_alpha(np.sqrt(uneven) * r, one))
+
+# %% [markdown]
 # There is a fifth choice hidden in Eq. 5. With $\alpha_m$ *inside* the square, a learner that can represent anything
 # becomes $h = r/\alpha$, so that $\alpha h = r$: whatever the shrinkage, the step is a whole one (claims M13, B2). Algorithm
 # 1 leaves $\alpha$ out of the loss, and then the step is $\alpha\, r$. The code has both, `loss_on="alpha_h"` and
@@ -355,7 +373,7 @@ assert np.isclose(unweighted, -5 / 4) and np.isclose((w * (r - unweighted * h) *
 # its sums it cannot: the weighted loss falls by $A_w^2/B_w$ (claim T1-e). The code uses those (D7), and takes them over
 # the whole buffer: the α of a minibatch may raise the loss of the rest (claim T1-j).
 #
-# **Exercise 3.** Show on random numbers that a booster which fits no worse than 0 does, $\sum (r - h)^2 \le \sum r^2$, has
+# **Exercise 4.** Show on random numbers that a booster which fits no worse than 0 does, $\sum (r - h)^2 \le \sum r^2$, has
 # α ≥ ½. (Expand the square.)
 
 # %% tags=["solution"] jupyter={"source_hidden": true}
@@ -376,6 +394,12 @@ for _ in range(1000):
 # $Q_{m-1}(s_i, a_i)$ and $Q_{m-1}(s'_i, \cdot)$ of every stored transition are kept in two arrays, and folding in adds
 # one booster's share to them. A training step then touches only the newest network, however many there are (claims M17,
 # M19); each of them is as large as the first, so that "lightweight" is not the word (claim M18).
+#
+# | paper | code | shape | what it is |
+# |---|---|---|---|
+# | $\alpha_m$ | `agent.alpha` | scalar | a number, or Eq. 8's |
+# | $Q_{m-1}(s_i, a_i)$ | `agent.q_frozen` | (N,) | kept beside every transition |
+# | $Q_{m-1}(s'_i, \cdot)$ | `agent.q_frozen_next` | (N, A) | likewise |
 
 # %%
 from gbdqn_ref.gbdqn import GBDQN
@@ -403,7 +427,7 @@ for i in range(50):
     assert np.isclose(q, agent.q_frozen[i], atol=1e-5)
 
 # %% [markdown]
-# **Exercise 4.** After `fold_in` the agent goes on with the same θ, which would count twice. What does `on_drift` do about
+# **Exercise 5.** After `fold_in` the agent goes on with the same θ, which would count twice. What does `on_drift` do about
 # it? Read its source, then check that right after a drift no answer has changed.
 
 # %% tags=["solution"] jupyter={"source_hidden": true}
