@@ -119,7 +119,7 @@ plt.show()
 # | Theorem 3: the mixed priority samples in proportion to error × recency | no: a sum is not a product, for whatever mixing coefficient | 5, 7 |
 # | Theorem 4: it adapts after a drift | the proof's stability bound holds for *any* update; adaptation needs data on every pair and small errors everywhere | 7 |
 # | Algorithm 1 adapts with one booster per drift | to the letter, one booster is one Bellman backup; with a target that includes the learner it does reach the new Q* | 6 |
-# | the experiments show the advantage | five runs cannot tell the methods apart; a replay control does as well | 8 |
+# | the experiments show the advantage | five runs cannot tell the methods apart; where runs can, the replay is what helps, and boosting is not | 8 |
 #
 # ## The map
 #

@@ -15,14 +15,40 @@ from gbdqn_ref import plots
 from gbdqn_ref.stats import bootstrap_interval, forgetting, iqm, mean_std, median_recovery, paired_difference
 
 FOLDER = Path(__file__).with_name("results")
-STUDIES = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}
-READINGS = {  # of GB-DQN: what replaces the preset's setting; the first is the preset's own
+STUDIES = {  # file: what Config.preset is asked for
+    "acrobot": ("acrobot", "paper"),
+    "mountaincar": ("mountaincar", "paper"),
+    "hopper": ("hopper", "paper"),
+    "cartpole": ("cartpole", "paper"),
+    "hopper-long": ("hopper", "long"),
+    "acrobot-hard": ("acrobot", "hard"),
+    "mountaincar-hard": ("mountaincar", "hard"),
+}
+SIX = {  # readings of GB-DQN: what replaces the preset's setting
     "": {},
     "live-h": {"loss_on": "h"},
     "live-closed": {"loss_on": "h", "alpha": "closed-form"},
     "frozen-alpha_h": {"target": "frozen"},
     "frozen-h": {"target": "frozen", "loss_on": "h"},
     "frozen-closed": {"target": "frozen", "loss_on": "h", "alpha": "closed-form"},
+}
+UNDRIFTED = {  # what a drift costs GB-DQN that is none
+    "none": {"schedule": []},
+    "empty": {"schedule": [{"episode": 300, "gravity": 1.0}]},
+    "": {},
+    "alpha1": {"alpha": 1.0},
+}
+READINGS = {
+    "acrobot": SIX,
+    "mountaincar": SIX,
+    "cartpole": UNDRIFTED,
+    "hopper-long": {"": {}, "alpha1": {"alpha": 1.0}},
+}
+INGREDIENTS = {  # what GB-DQN adds to DQN, each alone and beside the other: (with, without)
+    "replay, in DQN": ("dqn-recency", "dqn"),
+    "replay, in GB-DQN": ("gbdqn", "gbdqn-per"),
+    "boosting, with DQN's replay": ("gbdqn-per", "dqn"),
+    "boosting, with its own": ("gbdqn", "dqn-recency"),
 }
 MEASURED = ("ours: mean ± std", "IQM [95 %]")
 LATER = ("area per drift", "recovered after", "forgotten")
@@ -35,8 +61,7 @@ def stored(name):
 
 def table(results, printed):
     """A row per method: final return, and what its runs say of each drift; the paper printed {agent: (mean, std)}."""
-    runs = {agent: [run for run in results["runs"] if run["agent"] == agent] for agent in results["agents"]}
-    final = {agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()}
+    runs, final = _by_agent(results)
     rows = []
     for agent in runs:
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
@@ -45,18 +70,31 @@ def table(results, printed):
     return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
 
-def readings(env):
-    """A row per reading of GB-DQN, against the preset's own on the same seeds."""
+def ingredients():
+    """A row per study: the final return that GB-DQN's replay and its boosting bring, paired."""
+    rows = []
+    for study, (env, preset) in STUDIES.items():
+        results = stored(study)
+        _, final = _by_agent(results)
+        name = plots.NAMES[env] + (f", {preset}" if preset != "paper" else "")
+        pairs = [_difference(final[added], final[without]) for added, without in INGREDIENTS.values()]
+        rows.append([name, str(len(results["seeds"])), *pairs])
+    return _markdown(["", "seeds", *INGREDIENTS], rows)
+
+
+def readings(study):
+    """A row per reading of GB-DQN, against the first one on the same seeds."""
     rows, own = [], None
-    for name in READINGS:
-        results = stored(f"{env}-{name}" if name else env)
-        runs = [run for run in results["runs"] if run["agent"] == "gbdqn"]
-        final = np.array([run["final_return"] for run in runs])
+    for name, changes in READINGS[study].items():
+        results = stored(f"{study}-{name}" if name else study)
+        runs, final = (each["gbdqn"] for each in _by_agent(results))
         own = final if own is None else own
-        setting = results["settings"] | READINGS[name]
+        setting = results["settings"] | changes
         alpha = "the α of Eq. 8" if setting["alpha"] == "closed-form" else f"α = {setting['alpha']}"
         label = f"{setting['target']} target, {'h' if setting['loss_on'] == 'h' else 'α h'} fitted, {alpha}"
-        rows.append([label, *_final(final), _difference(final, own) if name else "0", *_drifts(runs)])
+        if "schedule" in changes:
+            label += "; a drift that changes nothing" if changes["schedule"] else "; no drift"
+        rows.append([label, *_final(final), _difference(final, own) if rows else "0", *_drifts(runs)])
     return _markdown(["", *MEASURED, "minus the first row's, paired [95 %]", *LATER], rows)
 
 
@@ -71,6 +109,12 @@ def fingerprint():
 def _markdown(columns, rows):
     lines = [columns, ["---"] * len(columns), *rows]
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+
+
+def _by_agent(results):
+    """{agent: its runs}, {agent: their final returns (seeds,)}."""
+    runs = {agent: [run for run in results["runs"] if run["agent"] == agent] for agent in results["agents"]}
+    return runs, {agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()}
 
 
 def _final(final):

@@ -10,26 +10,35 @@ from test_experiments import TABLES
 
 from gbdqn_ref import runs
 from gbdqn_ref.config import Config
-from gbdqn_ref.train import run
+from gbdqn_ref.train import AGENTS, run
 
 PAGE = reruns.FOLDER / "README.md"
 SHORT = reruns.FOLDER / "short.json"
 NAMES = {"dqn": "DQN", "gbdqn": "GB-DQN", "ensemble": "Ensemble", "reset": "Reset", "sliding": "Sliding"}
-READ = ("acrobot", "mountaincar")  # the environments on which the readings of GB-DQN were run
-SECTIONS = [*reruns.STUDIES, *(f"{env}-readings" for env in READ)]
+PRINTED = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}  # study: the paper's table
+OTHERS = [(study, name) for study, readings in reruns.READINGS.items() for name in readings if name]
+CONTROLLED = ["gbdqn", "dqn", "random", "dqn-recency", "gbdqn-per"]
+PART = {  # study: its agents and how many seeds, where they are not all and five
+    "hopper-long": (CONTROLLED, 3),
+    "acrobot-hard": (CONTROLLED, 15),
+    "mountaincar-hard": (CONTROLLED, 15),
+}
+SECTIONS = ["ingredients", *reruns.STUDIES, *(f"{study}-readings" for study in reruns.READINGS)]
 
 
 def section_table(section):
+    if section == "ingredients":
+        return reruns.ingredients()
     if section.endswith("-readings"):
         return reruns.readings(section.removesuffix("-readings"))
-    paper = TABLES.get(reruns.STUDIES[section])
-    printed = {agent: paper[name] for agent, name in NAMES.items()} if paper else {}
+    paper = TABLES[PRINTED[section]] if section in PRINTED else {}
+    printed = {agent: paper[name] for agent, name in NAMES.items() if name in paper}
     return reruns.table(reruns.stored(section), printed)
 
 
-def settings(env, **changes):
-    """The settings of a preset as results.json has them."""
-    values = Config.preset(env, **changes).to_dict()
+def settings(study, **changes):
+    """The settings of a study's preset as results.json has them."""
+    values = Config.preset(*reruns.STUDIES[study], **changes).to_dict()
     return {key: values[key] for key in values if key not in ("agent", "seed", "replay")}
 
 
@@ -43,31 +52,26 @@ def test_the_page_has_the_table_that_the_results_give(section, request):
         assert page.split(begin)[1].split(end)[0] == text
 
 
-@pytest.mark.parametrize("env", reruns.STUDIES)
-def test_the_results_are_those_of_the_preset(env):
+@pytest.mark.parametrize("study", reruns.STUDIES)
+def test_the_results_are_those_of_the_preset(study):
     """All agents that were promised, all seeds, every setting as Config.preset has it today."""
-    results = reruns.stored(env)
-    agents, seeds = (("gbdqn", "dqn", "random"), 3) if env == "hopper-long" else (runs_of("acrobot"), 5)
-    assert results["settings"] == settings(env)
+    results = reruns.stored(study)
+    agents, seeds = PART.get(study, (AGENTS, 5))
+    assert results["settings"] == settings(study)
     assert results["seeds"] == list(range(seeds)) and set(results["agents"]) == set(agents)
     assert sorted((row["agent"], row["seed"]) for row in results["runs"]) == sorted(
         (agent, seed) for agent in agents for seed in range(seeds)
     )
 
 
-def runs_of(env):
-    return {row["agent"] for row in reruns.stored(env)["runs"]}
+@pytest.mark.parametrize(("study", "name"), OTHERS)
+def test_the_readings_differ_from_the_preset_by_what_they_say(study, name):
+    results = reruns.stored(f"{study}-{name}")
+    assert results["settings"] == settings(study, **reruns.READINGS[study][name])
+    assert [row["seed"] for row in results["runs"]] == results["seeds"] == reruns.stored(study)["seeds"]
 
 
-@pytest.mark.parametrize("env", READ)
-@pytest.mark.parametrize("name", [name for name in reruns.READINGS if name])
-def test_the_readings_differ_from_the_preset_by_what_they_say(env, name):
-    results = reruns.stored(f"{env}-{name}")
-    assert results["settings"] == settings(env, **reruns.READINGS[name])
-    assert [row["seed"] for row in results["runs"]] == results["seeds"] == [0, 1, 2, 3, 4]
-
-
-@pytest.mark.parametrize("env", ["acrobot", "mountaincar"])
+@pytest.mark.parametrize("env", ["acrobot", "mountaincar", "cartpole"])
 def test_the_random_runs_can_be_repeated_here(env):
     """They use no matrix product, so they give the same numbers on every machine."""
     stored = [row for row in reruns.stored(env)["runs"] if row["agent"] == "random" and row["seed"] == 0]
