@@ -266,6 +266,19 @@ assert np.abs(descent).max() > 100  # on the right it is out of the picture afte
 # %% [markdown]
 # Adam's path is the same on both sides. For DQN this matters: nobody knows beforehand how large Q, and so the loss, will be.
 #
+# **Exercise 3.** How far does Adam get in 100 steps with lr = 0.01, if the gradient is 1 each time? And if it is 1, −1, 1, −1, …?
+
+# %% tags=["solution"] jupyter={"source_hidden": true}
+reached = []
+for gradients in (np.ones(100), np.resize([1.0, -1.0], 100)):
+    adam, place = Adam(1, lr=0.01), np.zeros(1)
+    for g in gradients:
+        adam.step(place, np.array([g]))
+    reached.append(place[0])
+assert np.isclose(reached[0], -1, atol=1e-6)  # 100 whole steps: all signal
+assert abs(reached[1]) < 0.03  # all noise: m is a mean of what cancels, v is not
+
+# %% [markdown]
 # ### Clipping
 #
 # One exploded TD error should not throw θ far away, so that a gradient longer than `max_norm` is
@@ -315,7 +328,7 @@ plt.legend()
 plt.show()
 
 # %% [markdown]
-# **Exercise 3.** Averaging the parameters sounds like averaging what the networks say. Take two networks of the same shape: is the
+# **Exercise 4.** Averaging the parameters sounds like averaging what the networks say. Take two networks of the same shape: is the
 # network of their mean parameters the mean of the two functions? When would it be?
 
 # %% tags=["solution"] jupyter={"source_hidden": true}

@@ -29,8 +29,8 @@ def execute(notebook):
     Cells with a slider are left out: what they show is dead without a kernel, and waiting for it sometimes never ends.
     """
     os.environ["JUPYTER_PLATFORM_DIRS"] = "1"  # or jupyter_core warns that it will look elsewhere one day
-    resources = {"metadata": {"path": str(FOLDER)}}
-    return NotebookClient(notebook, timeout=600, resources=resources, skip_cells_with_tag="slider").execute()
+    options = dict(timeout=600, skip_cells_with_tag="slider", coalesce_streams=True)  # or prints are cut by chance
+    return NotebookClient(notebook, resources={"metadata": {"path": str(FOLDER)}}, **options).execute()
 
 
 def clean(notebook):

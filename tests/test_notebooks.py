@@ -18,10 +18,17 @@ MEGABYTE = 10**6
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
-def test_it_runs_from_top_to_bottom(path, monkeypatch):
+def test_it_runs_from_top_to_bottom_and_shows_the_source_of_today(path, monkeypatch):
     """In fast mode; every assertion in a cell, solutions included, is one of this test's."""
     monkeypatch.setenv("NOTEBOOKS", "fast")
-    render.execute(render.read(path))
+    executed = render.execute(render.read(path))
+    assert markdown(executed) == markdown(nbformat.read(path.with_suffix(".ipynb"), as_version=4)), "make notebooks"
+
+
+def markdown(notebook):
+    """What the cells show as Markdown: the package's source, and tables made from it."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    return [output["data"]["text/markdown"] for output in outputs if "text/markdown" in output.get("data", {})]
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
