@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import reruns
-from test_experiments import TABLES
+from test_experiments import TABLES, mean_return
 
 from gbdqn_ref import runs
 from gbdqn_ref.config import Config
@@ -69,6 +69,18 @@ def test_the_readings_differ_from_the_preset_by_what_they_say(study, name):
     results = reruns.stored(f"{study}-{name}")
     assert results["settings"] == settings(study, **reruns.READINGS[study][name])
     assert [row["seed"] for row in results["runs"]] == results["seeds"] == reruns.stored(study)["seeds"]
+
+
+def test_the_longer_hopper_has_something_to_lose_at_its_first_drift():
+    """On every seed DQN's greedy policy is by then well above doing nothing, and that above the random policy (D17)."""
+    before = {
+        agent: [row["evaluation"][0][0] for row in reruns.stored("hopper-long")["runs"] if row["agent"] == agent]
+        for agent in ("dqn", "random")
+    }
+    nothing = mean_return(lambda: 0, episodes=5)
+    assert min(before["dqn"]) > 1.4 * nothing and nothing > 5 * max(before["random"])
+    figures = "{:.0f}, {:.0f} and {:.0f}".format(*before["dqn"])
+    assert figures in (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("env", ["acrobot", "mountaincar", "cartpole"])
