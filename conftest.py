@@ -1,4 +1,6 @@
-"""Hypothesis' profiles: HYPOTHESIS_PROFILE=ci is the same on every machine, =deep is for a night."""
+"""Hypothesis' profiles: HYPOTHESIS_PROFILE=ci is the same on every machine, =deep is for a
+night.
+"""
 
 import os
 

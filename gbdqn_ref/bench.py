@@ -1,7 +1,7 @@
 """What everything costs, in one thread and one run: ratios, and microseconds on this machine.
 
-The timers of a section take turns, and a ratio is the median of the ratios within a turn, so that a slow moment of the
-machine hits both of its sides. Microseconds of two runs are not to be compared.
+The timers of a section take turns, and a ratio is the median of the ratios within a turn, so that a
+slow moment of the machine hits both of its sides. Microseconds of two runs are not to be compared.
 """
 
 from itertools import pairwise
@@ -65,11 +65,19 @@ def sections(scale):
 
 
 def curves(scale, tables):
-    """The lines (x, y) that plots.costs draws, by sampler and by part of the work, from {title: rows}."""
-    by_size = {kind: [tables[REPLAY][f"{kind}, N = {size:,}"][1] for size in scale.sizes] for kind in REPLAYS}
+    """The lines (x, y) that plots.costs draws, by sampler and by part of the work, from {title:
+    rows}.
+    """
+    by_size = {
+        kind: [tables[REPLAY][f"{kind}, N = {size:,}"][1] for size in scale.sizes]
+        for kind in REPLAYS
+    }
     update, _, step, _ = zip(*(tables[BOOSTERS][f"m = {m}"] for m in scale.boosters), strict=True)
     replay = {kind: (scale.sizes, times) for kind, times in by_size.items()}
-    return replay, {"training per environment step": (scale.boosters, step), "update": (scale.boosters, update)}
+    return replay, {
+        "training per environment step": (scale.boosters, step),
+        "update": (scale.boosters, update),
+    }
 
 
 def measure(scale, timers):
@@ -109,7 +117,9 @@ def train_on(scale, records):
 
 def compare(times, base):
     """{name: (ratio to the base, µs)}, medians over the turns."""
-    return {name: (np.median(values / times[base]), np.median(values)) for name, values in times.items()}
+    return {
+        name: (np.median(values / times[base]), np.median(values)) for name, values in times.items()
+    }
 
 
 def settled(**values):
@@ -122,11 +132,21 @@ def noise(batch_size, state_dim, n_actions):
     rng = np.random.default_rng(0)
     s, s2 = rng.normal(size=(2, batch_size, state_dim)).astype(np.float32)
     a, r = rng.integers(n_actions, size=batch_size), rng.normal(size=batch_size).astype(np.float32)
-    return Batch(np.arange(batch_size), s, a, r, s2, rng.random(batch_size) < 0.1, np.ones(batch_size, np.float32))
+    return Batch(
+        np.arange(batch_size),
+        s,
+        a,
+        r,
+        s2,
+        rng.random(batch_size) < 0.1,
+        np.ones(batch_size, np.float32),
+    )
 
 
 def products(batch_size, widths, backward):
-    """The matrix products of a forward pass, or of an update (11 for two hidden layers), into arrays that exist."""
+    """The matrix products of a forward pass, or of an update (11 for two hidden layers), into
+    arrays that exist.
+    """
     rng = np.random.default_rng(0)
     h = [rng.normal(size=(batch_size, width)).astype(np.float32) for width in widths]
     W = [rng.normal(size=shape).astype(np.float32) for shape in pairwise(widths)]
@@ -147,7 +167,10 @@ def products(batch_size, widths, backward):
 def update(scale, batch_size, widths):
     """One update of DQN without its sampling."""
     state_dim, *hidden, n_actions = widths
-    config, batch = Config(agent="dqn", hidden=hidden, batch_size=batch_size), noise(batch_size, state_dim, n_actions)
+    config, batch = (
+        Config(agent="dqn", hidden=hidden, batch_size=batch_size),
+        noise(batch_size, state_dim, n_actions),
+    )
     agent = DQN(state_dim, n_actions, config, np.random.default_rng(0))
     agent.replay = SimpleNamespace(sample=lambda *_: batch, update_priorities=lambda *_: None)
     calls = {FLOOR: products(batch_size, widths, backward=True), "gbdqn_ref": agent.learn}
@@ -164,9 +187,14 @@ def acting(scale):
     agent = DQN(widths[0], widths[-1], settled(agent="dqn"), np.random.default_rng(0))
     s = noise(1, widths[0], widths[-1]).s[0]
     calls = {FLOOR: products(1, widths, backward=False)}
-    calls |= {"greedy": lambda: agent.act(s, greedy=True), "ε-greedy, ε = 0.05": lambda: agent.act(s)}
+    calls |= {
+        "greedy": lambda: agent.act(s, greedy=True),
+        "ε-greedy, ε = 0.05": lambda: agent.act(s),
+    }
     times = measure(scale, {name: repeat(scale, call) for name, call in calls.items()})
-    return Section(f"acting: network {'-'.join(map(str, widths))}", ("ratio", "µs"), compare(times, FLOOR))
+    return Section(
+        f"acting: network {'-'.join(map(str, widths))}", ("ratio", "µs"), compare(times, FLOOR)
+    )
 
 
 def replay(scale):
@@ -178,10 +206,16 @@ def replay(scale):
                 timers[kind, size, what] = repeat(scale, call)
     times, rows, base = measure(scale, timers), {}, scale.sizes[:2][-1]
     for kind in REPLAYS:
-        both = {size: times[kind, size, "sample"] + times[kind, size, "update"] for size in scale.sizes}
+        both = {
+            size: times[kind, size, "sample"] + times[kind, size, "update"] for size in scale.sizes
+        }
         for size in scale.sizes:
             parts = [np.median(times[kind, size, what]) for what in ("add", "sample", "update")]
-            rows[f"{kind}, N = {size:,}"] = (np.median(both[size] / both[base]), np.median(both[size]), *parts)
+            rows[f"{kind}, N = {size:,}"] = (
+                np.median(both[size] / both[base]),
+                np.median(both[size]),
+                *parts,
+            )
     columns = (f"÷ N = {base:,}", "sum µs", "add µs", "draw µs", "update µs")
     return Section(REPLAY, columns, rows)
 
@@ -203,10 +237,15 @@ def environments(scale):
     """One step of random actions: Gymnasium's environment, and ours with the drift wrapper."""
     rows = {}
     for name, id in STOCK.items():
-        calls = {"stock": step(gymnasium.make(id, disable_env_checker=True)), "ours": step(drift.make(name))}
+        calls = {
+            "stock": step(gymnasium.make(id, disable_env_checker=True)),
+            "ours": step(drift.make(name)),
+        }
         times = measure(scale, {which: repeat(scale, call) for which, call in calls.items()})
         rows |= {f"{name}, {which}": numbers for which, numbers in compare(times, "stock").items()}
-    return Section("environment step: Gymnasium's, and ours, which can drift", ("ratio", "µs"), rows)
+    return Section(
+        "environment step: Gymnasium's, and ours, which can drift", ("ratio", "µs"), rows
+    )
 
 
 def step(env):
@@ -223,7 +262,8 @@ def step(env):
 
 
 def training(scale, env):
-    """The whole of training, per environment step, with the paper's settings for Acrobot: an update every 4 steps.
+    """The whole of training, per environment step, with the paper's settings for Acrobot: an update
+    every 4 steps.
 
     DQN and GB-DQN with every replay, the other agents with their own.
     """
@@ -235,7 +275,10 @@ def training(scale, env):
     if peers.installed():
         records = peers.sb3(settled(env=env), gymnasium.make(STOCK[env]), scale.steps)
         timers["Stable-Baselines3's DQN, uniform replay"] = train_on(scale, records)
-    rows = {name: (ratio, time, 1e6 / time) for name, (ratio, time) in compare(measure(scale, timers), BASE).items()}
+    rows = {
+        name: (ratio, time, 1e6 / time)
+        for name, (ratio, time) in compare(measure(scale, timers), BASE).items()
+    }
     return Section(f"training on {env}, per environment step", ("ratio", "µs", "steps/s"), rows)
 
 
@@ -256,7 +299,9 @@ def boosters(scale):
 
 
 def fold_in(scale):
-    """Freezing a booster: one pass over the whole buffer, which adds its predictions to the cached ones."""
+    """Freezing a booster: one pass over the whole buffer, which adds its predictions to the cached
+    ones.
+    """
     timers = {}
     for alpha in (0.1, "closed-form"):
         config = Config(env="acrobot", alpha=alpha, capacity=scale.rows)
@@ -265,7 +310,10 @@ def fold_in(scale):
             agent.replay.add(s, 0, 0.0, s, False)
         agent.on_drift("drift")  # the closed form is for the second booster on
         timers[f"α = {alpha}"] = repeat(scale, agent.fold_in)
-    rows = {name: (time / 1e3,) for name, (_, time) in compare(measure(scale, timers), "α = 0.1").items()}
+    rows = {
+        name: (time / 1e3,)
+        for name, (_, time) in compare(measure(scale, timers), "α = 0.1").items()
+    }
     return Section(f"folding in a booster, {scale.rows:,} transitions in the buffer", ("ms",), rows)
 
 

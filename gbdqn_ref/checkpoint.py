@@ -1,7 +1,9 @@
-"""An agent on disk, whole: networks, Adam, replay, cached predictions, generator, counters. No pickle.
+"""An agent on disk, whole: networks, Adam, replay, cached predictions, generator, counters. No
+pickle.
 
 A checkpoint is an uncompressed .npz with one array per attribute, named by its path from the agent
-("adam.m", "replay.tree.levels.0", …). Walking the attributes means that nothing can be forgotten when an agent grows.
+("adam.m", "replay.tree.levels.0", …). Walking the attributes means that nothing can be forgotten
+when an agent grows.
 """
 
 import io
@@ -16,9 +18,21 @@ import numpy as np
 from . import UsageError
 
 FORMAT = 1
-REBUILT = {"config", "net"}  # what a new agent has already; names with an underscore are memos, made again when needed
+REBUILT = {
+    "config",
+    "net",
+}  # what a new agent has already; names with an underscore are memos, made again when needed
 
-DAMAGED = (ValueError, LookupError, TypeError, AttributeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+DAMAGED = (
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def write_atomically(path, write):
@@ -39,7 +53,9 @@ def save(path, agent, episodes):
 
 
 def load(path, agent):
-    """Restore into a new agent of the same config what save() wrote; returns the number of episodes it has seen."""
+    """Restore into a new agent of the same config what save() wrote; returns the number of episodes
+    it has seen.
+    """
     file = io.BytesIO(Path(path).read_bytes())
     try:
         with np.load(file, allow_pickle=False) as content:
@@ -49,12 +65,18 @@ def load(path, agent):
         if header["format"] != FORMAT:
             raise ValueError(f"format {header['format']} instead of {FORMAT}")
     except DAMAGED as e:
-        raise UsageError(f"{path} is damaged or foreign ({e}); without it --resume starts anew") from e
+        raise UsageError(
+            f"{path} is damaged or foreign ({e}); without it --resume starts anew"
+        ) from e
     if config != agent.config.to_dict():
-        raise UsageError(f"{path} belongs to a run with other settings than the config.json beside it")
+        raise UsageError(
+            f"{path} belongs to a run with other settings than the config.json beside it"
+        )
     expected = state(agent)
     if _outline(arrays) != _outline(expected):
-        raise UsageError(f"{path} does not fit this version of gbdqn_ref; start a new run in another folder")
+        raise UsageError(
+            f"{path} does not fit this version of gbdqn_ref; start a new run in another folder"
+        )
     _restore(agent, "", arrays)
     return episodes
 
@@ -67,11 +89,17 @@ def state(thing, name=""):
         return {name: np.array(thing)}
     if isinstance(thing, np.random.Generator):
         return {name: np.array(json.dumps(thing.bit_generator.state))}
-    return {path: array for key, part in _parts(thing) for path, array in state(part, _join(name, key)).items()}
+    return {
+        path: array
+        for key, part in _parts(thing)
+        for path, array in state(part, _join(name, key)).items()
+    }
 
 
 def _restore(thing, name, arrays):
-    """The counterpart of state(): numbers and arrays are returned new, generators and objects changed in place."""
+    """The counterpart of state(): numbers and arrays are returned new, generators and objects
+    changed in place.
+    """
     if isinstance(thing, np.ndarray):
         return arrays[name]
     if isinstance(thing, (bool, int, float)):
@@ -89,12 +117,18 @@ def _restore(thing, name, arrays):
 
 
 def _parts(thing):
-    """(key, part) of what is inside a list, a tuple or one of our objects; text and None hold nothing to save."""
+    """(key, part) of what is inside a list, a tuple or one of our objects; text and None hold
+    nothing to save.
+    """
     if isinstance(thing, (str, type(None))):
         return []
     if isinstance(thing, (list, tuple)):
         return list(enumerate(thing))
-    return [(key, part) for key, part in vars(thing).items() if key not in REBUILT and not key.startswith("_")]
+    return [
+        (key, part)
+        for key, part in vars(thing).items()
+        if key not in REBUILT and not key.startswith("_")
+    ]
 
 
 def _join(name, key):
@@ -102,7 +136,10 @@ def _join(name, key):
 
 
 def _outline(arrays):
-    """What must agree between a file and an agent: names, kinds and shapes, but for the number of frozen boosters."""
+    """What must agree between a file and an agent: names, kinds and shapes, but for the number of
+    frozen boosters.
+    """
     return {
-        name: (array.dtype.kind, array.shape[name.startswith("ensemble.") :]) for name, array in sorted(arrays.items())
+        name: (array.dtype.kind, array.shape[name.startswith("ensemble.") :])
+        for name, array in sorted(arrays.items())
     }

@@ -1,4 +1,6 @@
-"""DQN (Mnih et al. 2015) with a soft target network: the ancestor, and with prioritized replay the first baseline."""
+"""DQN (Mnih et al. 2015) with a soft target network: the ancestor, and with prioritized replay the
+first baseline.
+"""
 
 import numpy as np
 
@@ -11,8 +13,8 @@ from .replay import ProportionalReplay, RecencyReplay, UniformReplay
 class DQN:
     """One network Q(s, a; θ), fitted to y = r + γ (1 − terminated) max_a' Q(s', a'; θ̄).
 
-    An agent acts, observes, learns, and is told when the physics drift. `config` is a config.Config, `rng` the
-    generator from which every random number of the agent comes.
+    An agent acts, observes, learns, and is told when the physics drift. `config` is a
+    config.Config, `rng` the generator from which every random number of the agent comes.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
@@ -34,7 +36,9 @@ class DQN:
         c = self.config
         if c.behaviour == "softmax":
             return 0.0
-        return bellman.epsilon_schedule(self.steps, c.epsilon_start, c.epsilon_end, c.epsilon_decay_steps)
+        return bellman.epsilon_schedule(
+            self.steps, c.epsilon_start, c.epsilon_end, c.epsilon_decay_steps
+        )
 
     def act(self, s, greedy=False):
         """An action for the state s (d,): by the behaviour policy, or the greedy one."""
@@ -65,7 +69,8 @@ class DQN:
         return delta
 
     def on_drift(self, event):
-        """The physics have changed ("drift"), are the stock ones again ("reset"), or the run is over ("end").
+        """The physics have changed ("drift"), are the stock ones again ("reset"), or the run is
+        over ("end").
 
         DQN does nothing about it: it keeps learning.
         """
@@ -84,4 +89,6 @@ def make_replay(config, state_dim):
     )
     if c.replay == "proportional":
         return ProportionalReplay(c.capacity, state_dim, **proportional)
-    return RecencyReplay(c.capacity, state_dim, mix=c.mix, recency_rate=c.recency_rate, **proportional)
+    return RecencyReplay(
+        c.capacity, state_dim, mix=c.mix, recency_rate=c.recency_rate, **proportional
+    )

@@ -1,4 +1,5 @@
-"""Does a drift matter? What a policy of the stock physics loses in each regime, and whether the regime can be learnt.
+"""Does a drift matter? What a policy of the stock physics loses in each regime, and whether the
+regime can be learnt.
 
 Only a drift that costs something, and can be made good, lets an experiment tell methods apart.
 """
@@ -19,11 +20,13 @@ HURTS = 0.2  # of the span between random and trained
 
 
 def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
-    """One dict per different regime of the schedule, the stock physics first: what three policies reach in it.
+    """One dict per different regime of the schedule, the stock physics first: what three policies
+    reach in it.
 
-    random; frozen, trained in the stock physics and learning no more; trained, in this regime from the start. Mean
-    greedy returns over the same starts. lost = (trained − frozen) / (trained − random), None where the trained one is
-    not better than random by two standard errors. The runs are kept in `out`, and those it has are not repeated.
+    random; frozen, trained in the stock physics and learning no more; trained, in this regime from
+    the start. Mean greedy returns over the same starts. lost = (trained − frozen) / (trained −
+    random), None where the trained one is not better than random by two standard errors. The runs
+    are kept in `out`, and those it has are not repeated.
     """
     regimes = {}
     scheduled = [factors for _, factors, _ in drift.check_schedule(config.env, config.schedule)]
@@ -42,7 +45,8 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     chance = make_agent(Config(env=config.env, agent="random"))
     trained = [runs.read_agent(folder)[1] for folder in folders]
     return [
-        {"regime": name} | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
+        {"regime": name}
+        | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
         for name, schedule, policy in zip(regimes, schedules, trained, strict=True)
     ]
 

@@ -1,9 +1,11 @@
-"""GB-DQN, the paper: freeze everything learnt so far when the physics drift, and fit one new network to what is left.
+"""GB-DQN, the paper: freeze everything learnt so far when the physics drift, and fit one new
+network to what is left.
 
     Q_m = Q_{m−1} + α_m h_m        Q_{m−1} = Σ_{j<m} α_j h_j  is frozen,  h_m(·; θ)  learns
 
-Raw predictions are cached, as gradient-boosting libraries do: Q_{m−1}(s_i, a_i) and Q_{m−1}(s'_i, ·) are kept beside
-the replay buffer, slot by slot. A training step touches only h_m, however many boosters there are.
+Raw predictions are cached, as gradient-boosting libraries do: Q_{m−1}(s_i, a_i) and Q_{m−1}(s'_i,
+·) are kept beside the replay buffer, slot by slot. A training step touches only h_m, however many
+boosters there are.
 """
 
 import numpy as np
@@ -17,10 +19,11 @@ from .optim import Adam, clip_by_norm, polyak
 class GBDQN(DQN):
     """Gradient-boosted DQN (Algorithm 1), with its readings as options of the config.
 
-    target="live" (D6): acts and bootstraps with Q_m, so that h_m counts while it learns; "frozen": with Q_{m−1}, as
-    Algorithm 1 has it, and h_m counts only from the next drift on. alpha: a number, or the closed form of Eq. 8
-    (then α is 1 while h_m learns). loss_on: fit α h (Eq. 5) or h (Algorithm 1) to the residual. The first
-    learner is a plain DQN under every reading (D8): live, α₁ = 1.
+    target="live" (D6): acts and bootstraps with Q_m, so that h_m counts while it learns; "frozen":
+    with Q_{m−1}, as Algorithm 1 has it, and h_m counts only from the next drift on. alpha: a
+    number, or the closed form of Eq. 8 (then α is 1 while h_m learns). loss_on: fit α h (Eq. 5) or
+    h (Algorithm 1) to the residual. The first learner is a plain DQN under every reading (D8):
+    live, α₁ = 1.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
@@ -59,17 +62,23 @@ class GBDQN(DQN):
         return self._seen_q
 
     def learn(self):
-        """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's TD errors δ (B,)."""
+        """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's TD
+        errors δ (B,).
+        """
         c, factor = self.config, self.alpha if self.config.loss_on == "alpha_h" else 1.0
         batch = self.replay.sample(c.batch_size, self.rng)
         q_next = self.q_frozen_next[batch.index]  # Q̄_{m−1}(s', ·)
         if self.live:
-            q_next = q_next + self.alpha * self.net.forward(self.theta_target, batch.s2)[0]  # Q̄_m(s', ·)
+            q_next = (
+                q_next + self.alpha * self.net.forward(self.theta_target, batch.s2)[0]
+            )  # Q̄_m(s', ·)
         y = bellman.td_target(batch.r, batch.terminated, q_next, c.gamma)  # (B,)
         residual = y - self.q_frozen[batch.index]  # Eq. 4
         h_all, cache = self.net.forward(self.theta, batch.s)  # (B, A)
         h = h_all[np.arange(len(y)), batch.a]
-        dq = factor * bellman.loss_gradient(residual - factor * h, batch.weight, batch.a, self.n_actions)
+        dq = factor * bellman.loss_gradient(
+            residual - factor * h, batch.weight, batch.a, self.n_actions
+        )
         grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
         self.adam.step(self.theta, grad)
         polyak(self.theta_target, self.theta, c.tau)  # D9
@@ -78,20 +87,26 @@ class GBDQN(DQN):
         return delta
 
     def on_drift(self, event):
-        """Add a booster at a drift, none at a reset; fold a frozen one in when the run ends (Alg. 1, last line)."""
+        """Add a booster at a drift, none at a reset; fold a frozen one in when the run ends (Alg.
+        1, last line).
+        """
         if event == "drift" or event == "end" and not self.live:
             self.fold_in()
             self._new_booster()
 
     def fold_in(self):
-        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m, and add its predictions to the cached ones in one pass."""
+        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m, and add its predictions to the cached ones
+        in one pass.
+        """
         n, replay = len(self.replay), self.replay
         h = self._predict(replay.s[:n])[np.arange(n), replay.a[:n]]  # (n,)
         h_next = self._predict(replay.s2[:n])  # (n, A)
         if self.config.alpha == "closed-form" and len(self.ensemble):
             q_next = self.q_frozen_next[:n] + self.live * h_next
             y = bellman.td_target(replay.r[:n], replay.terminated[:n], q_next, self.config.gamma)
-            weights = (n * replay.probabilities()) ** (1 - self.config.is_exponent)  # P · w: drawn by P, weighted by w
+            weights = (n * replay.probabilities()) ** (
+                1 - self.config.is_exponent
+            )  # P · w: drawn by P, weighted by w
             self.alpha = closed_form_alpha(y - self.q_frozen[:n], h, weights)
         self.q_frozen[:n] += self.alpha * h
         self.q_frozen_next[:n] += self.alpha * h_next
@@ -100,7 +115,9 @@ class GBDQN(DQN):
 
     def _predict(self, x, rows=1024):
         """h_m(x), (n, d) → (n, A), in pieces that stay in the processor's cache."""
-        pieces = [self.net.forward(self.theta, x[i : i + rows])[0] for i in range(0, max(len(x), 1), rows)]
+        pieces = [
+            self.net.forward(self.theta, x[i : i + rows])[0] for i in range(0, max(len(x), 1), rows)
+        ]
         return np.concatenate(pieces)
 
     def _new_booster(self):

@@ -1,13 +1,14 @@
 """The Q-network: a multilayer perceptron whose parameters are one flat vector θ.
 
-    θ (P,):  | W₁ b₁ | W₂ b₂ | … | W_L b_L |        each block is an (n_in + 1, n_out) matrix, its last row the bias
+    θ (P,):  | W₁ b₁ | W₂ b₂ | … | W_L b_L |   each block (n_in + 1, n_out), its last row the bias
 
-A bias is the weight of an input that is always 1. So a layer is one matrix product forward, and the gradients of its
-weights and its bias are one matrix product backward. Since θ is flat, Adam, clipping, Polyak averaging, freezing and
-saving are each a line on one array. Leading axes broadcast: a stack θ (K, P) is K networks that answer at once.
+A bias is the weight of an input that is always 1. So a layer is one matrix product forward, and the
+gradients of its weights and its bias are one matrix product backward. Since θ is flat, Adam,
+clipping, Polyak averaging, freezing and saving are each a line on one array. Leading axes
+broadcast: a stack θ (K, P) is K networks that answer at once.
 
-Letters: x input, h activations with the constant 1 appended, z = h V before the ReLU, q output, V one layer's block,
-B batch, d inputs, A outputs (actions).
+Letters: x input, h activations with the constant 1 appended, z = h V before the ReLU, q output, V
+one layer's block, B batch, d inputs, A outputs (actions).
 """
 
 from itertools import accumulate, pairwise
@@ -16,7 +17,8 @@ import numpy as np
 
 
 class MLP:
-    """Fully connected network, ReLU inside and a linear output: h_{l+1} = [max(0, h_l V_l), 1], q = h_L V_L.
+    """Fully connected network, ReLU inside and a linear output: h_{l+1} = [max(0, h_l V_l), 1], q =
+    h_L V_L.
 
     >>> net = MLP((2, 3, 1))
     >>> net.size                                                      # (2 + 1) · 3 + (3 + 1) · 1
@@ -29,16 +31,23 @@ class MLP:
     def __init__(self, widths):
         self.widths = tuple(int(width) for width in widths)
         if len(self.widths) < 2 or min(self.widths) < 1:
-            raise ValueError(f"widths must be two or more positive integers (inputs, hidden …, outputs), not {widths}")
+            raise ValueError(
+                "widths must be two or more positive integers (inputs, hidden …, outputs), not"
+                f" {widths}"
+            )
         shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
         ends = [0, *accumulate(rows * columns for rows, columns in shapes)]
-        self.blocks = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes, strict=True)]  # V_l in θ
+        self.blocks = [
+            (slice(*span), shape) for span, shape in zip(pairwise(ends), shapes, strict=True)
+        ]  # V_l in θ
         self.size = ends[-1]
 
     def init(self, rng, k=None, zero_output=False):
-        """Random parameters θ (P,), or k independent ones (k, P): weights and biases from U(±1/√n_in), float32.
+        """Random parameters θ (P,), or k independent ones (k, P): weights and biases from
+        U(±1/√n_in), float32.
 
-        zero_output makes the last layer 0, hence the network the zero function (but its gradient is not zero).
+        zero_output makes the last layer 0, hence the network the zero function (but its gradient is
+        not zero).
         """
         theta = np.empty(self.size if k is None else (k, self.size), np.float32)
         for V, n_in in zip(self.layers(theta), self.widths, strict=False):
@@ -53,7 +62,9 @@ class MLP:
         return [theta[..., span].reshape(lead + shape) for span, shape in self.blocks]
 
     def unpack(self, theta):
-        """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views: writing to them writes to θ."""
+        """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views: writing to them writes to
+        θ.
+        """
         return [(V[..., :-1, :], V[..., -1, :]) for V in self.layers(theta)]
 
     def forward(self, theta, x):
@@ -68,12 +79,15 @@ class MLP:
         for V in hidden:
             z = h @ V  # (…, B, n_out)
             h = _with_ones(z.shape, theta.dtype)
-            np.maximum(z, np.zeros(z.shape[-1], z.dtype), out=h[..., :-1])  # half the time that a scalar 0 takes
+            np.maximum(
+                z, np.zeros(z.shape[-1], z.dtype), out=h[..., :-1]
+            )  # half the time that a scalar 0 takes
             cache.append(h)
         return h @ last, cache
 
     def backward(self, theta, cache, dq):
-        """∂L/∂θ, shaped like θ, from ∂L/∂q (…, B, A): ∂L/∂V_l = h_lᵀ dz_l, dz_{l−1} = (dz_l W_lᵀ) · 1{h_l > 0}.
+        """∂L/∂θ, shaped like θ, from ∂L/∂q (…, B, A): ∂L/∂V_l = h_lᵀ dz_l, dz_{l−1} = (dz_l W_lᵀ) ·
+        1{h_l > 0}.
 
         Pure: nothing accumulates, twice the same call gives twice the same result.
         """
@@ -88,7 +102,9 @@ class MLP:
 
 
 def _with_ones(shape, dtype):
-    """An uninitialised array of this shape with a last column of ones added: (…, n) becomes (…, n + 1)."""
+    """An uninitialised array of this shape with a last column of ones added: (…, n) becomes (…, n +
+    1).
+    """
     h = np.empty((*shape[:-1], shape[-1] + 1), dtype)
     h[..., -1] = 1
     return h

@@ -1,4 +1,6 @@
-"""The same work in PyTorch and in Stable-Baselines3, for the benchmark only. Nothing else here imports them."""
+"""The same work in PyTorch and in Stable-Baselines3, for the benchmark only. Nothing else here
+imports them.
+"""
 
 import importlib.util
 from itertools import pairwise
@@ -10,7 +12,9 @@ def installed():
 
 
 def torch_update(batch, widths, config):
-    """dqn.DQN.learn in eager PyTorch: a function that, like it, goes from a Batch in NumPy to TD errors in NumPy."""
+    """dqn.DQN.learn in eager PyTorch: a function that, like it, goes from a Batch in NumPy to TD
+    errors in NumPy.
+    """
     import torch
 
     torch.set_num_threads(1)
@@ -38,12 +42,16 @@ def torch_update(batch, widths, config):
 def _torch_network(widths):
     from torch import nn
 
-    layers = [layer for n_in, n_out in pairwise(widths) for layer in (nn.Linear(n_in, n_out), nn.ReLU())]
+    layers = [
+        layer for n_in, n_out in pairwise(widths) for layer in (nn.Linear(n_in, n_out), nn.ReLU())
+    ]
     return nn.Sequential(*layers[:-1])
 
 
 def sb3(config, env, steps):
-    """Train Stable-Baselines3's DQN with the settings of a config whose ε is constant; a record every so many steps."""
+    """Train Stable-Baselines3's DQN with the settings of a config whose ε is constant; a record
+    every so many steps.
+    """
     import stable_baselines3
     import torch
 

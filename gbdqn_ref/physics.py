@@ -1,8 +1,10 @@
-"""What drifts: one setter per environment, which knows the quantities that depend on the one that is changed.
+"""What drifts: one setter per environment, which knows the quantities that depend on the one that
+is changed.
 
-Every argument of a setter is a factor on the stock constant: 1 is the stock environment, and calling a setter without
-arguments restores it. A setter writes all that it governs, from the stock constants, so no call builds on an earlier
-one. It takes the unwrapped environment (an attribute set on a wrapper has no effect) and writes to the instance.
+Every argument of a setter is a factor on the stock constant: 1 is the stock environment, and
+calling a setter without arguments restores it. A setter writes all that it governs, from the stock
+constants, so no call builds on an earlier one. It takes the unwrapped environment (an attribute set
+on a wrapper has no effect) and writes to the instance.
 """
 
 from functools import cache
@@ -17,11 +19,13 @@ CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, 
 
 
 class Acrobot(AcrobotEnv):
-    """Acrobot-v1 with a gravity that can change (the stock class has 9.8 in the middle of a function).
+    """Acrobot-v1 with a gravity that can change (the stock class has 9.8 in the middle of a
+    function).
 
-    The equations of motion are the stock ones (Sutton & Barto's book version), integrated by the same fourth-order
-    Runge-Kutta step on plain floats, which takes a fraction of the time. It equals the stock class to
-    1e-12 per step, and to the bit where numpy.cos is the C library's cosine, as it is in common builds.
+    The equations of motion are the stock ones (Sutton & Barto's book version), integrated by the
+    same fourth-order Runge-Kutta step on plain floats, which takes a fraction of the time. It
+    equals the stock class to 1e-12 per step, and to the bit where numpy.cos is the C library's
+    cosine, as it is in common builds.
     """
 
     gravity = 9.8  # m/s²
@@ -34,7 +38,8 @@ class Acrobot(AcrobotEnv):
         k3 = self._derivative(*(yi + dt / 2 * ki for yi, ki in zip(y, k2, strict=True)), torque)
         k4 = self._derivative(*(yi + dt * ki for yi, ki in zip(y, k3, strict=True)), torque)
         theta1, theta2, speed1, speed2 = (
-            yi + dt / 6 * (a + 2 * b + 2 * c + d) for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
+            yi + dt / 6 * (a + 2 * b + 2 * c + d)
+            for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
         )
         self.state = (
             _wrap(theta1),
@@ -48,10 +53,16 @@ class Acrobot(AcrobotEnv):
         return self._get_ob(), 0.0 if terminated else -1.0, terminated, False, {}
 
     def _derivative(self, theta1, theta2, speed1, speed2, torque):
-        """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque in N m on the second joint."""
+        """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque in N m on the second
+        joint.
+        """
         m1, m2, l1, lc1, lc2 = (
-            self.LINK_MASS_1, self.LINK_MASS_2, self.LINK_LENGTH_1, self.LINK_COM_POS_1, self.LINK_COM_POS_2
-        )  # fmt: skip
+            self.LINK_MASS_1,
+            self.LINK_MASS_2,
+            self.LINK_LENGTH_1,
+            self.LINK_COM_POS_1,
+            self.LINK_COM_POS_2,
+        )
         g, moi, cos2, sin2 = self.gravity, self.LINK_MOI, cos(theta2), sin(theta2)
         d1 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * cos2) + moi + moi
         d2 = m2 * (lc2**2 + l1 * lc2 * cos2) + moi
@@ -69,7 +80,9 @@ class Acrobot(AcrobotEnv):
 
     def _get_ob(self):
         theta1, theta2, speed1, speed2 = self.state
-        return np.array([cos(theta1), sin(theta1), cos(theta2), sin(theta2), speed1, speed2], np.float32)
+        return np.array(
+            [cos(theta1), sin(theta1), cos(theta2), sin(theta2), speed1, speed2], np.float32
+        )
 
     def _terminal(self):
         return -cos(self.state[0]) - cos(self.state[1] + self.state[0]) > 1
@@ -84,20 +97,26 @@ def _wrap(angle):
     return angle
 
 
-gymnasium.register("gbdqn_ref/Acrobot-v1", f"{__name__}:Acrobot", max_episode_steps=500, reward_threshold=-100.0)
+gymnasium.register(
+    "gbdqn_ref/Acrobot-v1", f"{__name__}:Acrobot", max_episode_steps=500, reward_threshold=-100.0
+)
 
 
 class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
-    """Hopper's three motors (thigh, leg, foot) under seven actions; the paper has seven and does not say which (D16).
+    """Hopper's three motors (thigh, leg, foot) under seven actions; the paper has seven and does
+    not say which (D16).
 
-    0: no torque; 1, 2, 3: the full positive torque on the thigh, leg or foot alone; 4, 5, 6: the full negative one.
+    0: no torque; 1, 2, 3: the full positive torque on the thigh, leg or foot alone; 4, 5, 6: the
+    full negative one.
 
     >>> env = gymnasium.make("gbdqn_ref/Hopper-v5")
     >>> [env.action(a).tolist() for a in (0, 3, 4)]
     [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]]
     """
 
-    TORQUES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], np.float32)
+    TORQUES = np.array(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], np.float32
+    )
 
     def __init__(self, env):
         RecordConstructorArgs.__init__(self)
@@ -119,7 +138,9 @@ gymnasium.register(
 
 
 def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=1.0):
-    """Gravity, masses of cart and pole, length of the pole, force of a push; total_mass and polemass_length follow."""
+    """Gravity, masses of cart and pole, length of the pole, force of a push; total_mass and
+    polemass_length follow.
+    """
     env.gravity = CARTPOLE.gravity * gravity
     env.masscart = CARTPOLE.masscart * cart_mass
     env.masspole = CARTPOLE.masspole * pole_mass
@@ -138,33 +159,48 @@ def set_mountaincar(env, gravity=1.0, force=1.0):
 def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
     """Gravity, mass of both links, length of both links, torque of the motor.
 
-    A moment of inertia is a mass times a squared length, so it scales with mass · length²; the centre of mass stays at
-    the same fraction of a link. The goal, one link's length above the pivot, is a matter of angles and scales along.
+    A moment of inertia is a mass times a squared length, so it scales with mass · length²; the
+    centre of mass stays at the same fraction of a link. The goal, one link's length above the
+    pivot, is a matter of angles and scales along.
     """
     env.gravity = Acrobot.gravity * gravity
     env.LINK_MASS_1, env.LINK_MASS_2 = Acrobot.LINK_MASS_1 * mass, Acrobot.LINK_MASS_2 * mass
-    env.LINK_LENGTH_1, env.LINK_LENGTH_2 = Acrobot.LINK_LENGTH_1 * length, Acrobot.LINK_LENGTH_2 * length
-    env.LINK_COM_POS_1, env.LINK_COM_POS_2 = Acrobot.LINK_COM_POS_1 * length, Acrobot.LINK_COM_POS_2 * length
+    env.LINK_LENGTH_1, env.LINK_LENGTH_2 = (
+        Acrobot.LINK_LENGTH_1 * length,
+        Acrobot.LINK_LENGTH_2 * length,
+    )
+    env.LINK_COM_POS_1, env.LINK_COM_POS_2 = (
+        Acrobot.LINK_COM_POS_1 * length,
+        Acrobot.LINK_COM_POS_2 * length,
+    )
     env.LINK_MOI = Acrobot.LINK_MOI * mass * length**2
     env.AVAIL_TORQUE = [stock * torque for stock in Acrobot.AVAIL_TORQUE]
 
 
 def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
-    """Gravity, mass of every body, sliding friction of every surface; what MuJoCo derives from the masses follows.
+    """Gravity, mass of every body, sliding friction of every surface; what MuJoCo derives from the
+    masses follows.
 
-    Inertia scales with mass, as it would with density. A contact slides by the larger friction of the two surfaces,
-    so that the floor's alone would change nothing: the foot has twice as much.
+    Inertia scales with mass, as it would with density. A contact slides by the larger friction of
+    the two surfaces, so that the floor's alone would change nothing: the foot has twice as much.
     """
-    import mujoco  # here, since only Hopper needs it and it takes as long as all other imports together
+    # here, since only Hopper needs it and it takes as long as all other imports together
+    import mujoco
 
     model, stock = env.model, _stock_hopper(env.fullpath)
     model.opt.gravity[2] = stock.opt.gravity[2] * gravity  # gravity = … would set all three axes
     model.body_mass[:] = stock.body_mass * mass
     model.body_inertia[:] = stock.body_inertia * mass
     model.geom_friction[:, 0] = stock.geom_friction[:, 0] * friction
-    mujoco.mj_setConst(model, mujoco.MjData(model))  # on scratch data: it would move the hopper in env.data
-    model.stat.meanmass = stock.stat.meanmass * mass  # these two MuJoCo derives when it compiles, and never again;
-    model.stat.meaninertia = model.dof_M0.mean()  # the tolerance of the contact solver is relative to this one
+    mujoco.mj_setConst(
+        model, mujoco.MjData(model)
+    )  # on scratch data: it would move the hopper in env.data
+    model.stat.meanmass = (
+        stock.stat.meanmass * mass
+    )  # these two MuJoCo derives when it compiles, and never again;
+    model.stat.meaninertia = (
+        model.dof_M0.mean()
+    )  # the tolerance of the contact solver is relative to this one
 
 
 @cache

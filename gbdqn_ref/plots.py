@@ -26,7 +26,8 @@ NAMES = {
     "acrobot": "Acrobot",
     "hopper": "Hopper",
 }
-# Okabe and Ito's colours, that every eye tells apart: blue, vermillion, green, purple, orange, sky blue, black
+# Okabe and Ito's colours, that every eye tells apart: blue, vermillion, green, purple, orange, sky
+# blue, black
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 COLOURS = {
     "gbdqn": OKABE_ITO[0],
@@ -39,14 +40,24 @@ COLOURS = {
     "dqn-recency": OKABE_ITO[1],  # the same agent with another replay: the same colour, dashed
     "gbdqn-per": OKABE_ITO[0],
 }
-MARKS = {"gbdqn": "o", "dqn": "^", "ensemble": "s", "reset": "v", "sliding": "D", "frozen": "P", "random": "X"}
+MARKS = {
+    "gbdqn": "o",
+    "dqn": "^",
+    "ensemble": "s",
+    "reset": "v",
+    "sliding": "D",
+    "frozen": "P",
+    "random": "X",
+}
 MARKS |= {"dqn-recency": "<", "gbdqn-per": ">"}
 LINES = {"dqn-recency": "--", "gbdqn-per": "--"}
 SMOOTHING = 15
 
 
 def costs(replay, boosters, path):
-    """How cost grows with the buffer, {sampler: (N, µs)}, and with boosters, {what: (m, ratio to none)}."""
+    """How cost grows with the buffer, {sampler: (N, µs)}, and with boosters, {what: (m, ratio to
+    none)}.
+    """
     figure = Figure(figsize=(10, 4), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
@@ -64,19 +75,31 @@ def costs(replay, boosters, path):
 
 
 def learning_curves(runs, config, random_return, path):
-    """Return per episode of each agent in {agent: records}, as points and trailing means, with the drifts marked."""
+    """Return per episode of each agent in {agent: records}, as points and trailing means, with the
+    drifts marked.
+    """
     figure = Figure(figsize=(10, 5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     for agent, records in runs.items():
         episode, returns = np.array([(record["episode"], record["return"]) for record in records]).T
-        axes.plot(episode, returns, MARKS[agent], color=COLOURS[agent], markersize=3, alpha=0.35, markeredgewidth=0)
+        axes.plot(
+            episode,
+            returns,
+            MARKS[agent],
+            color=COLOURS[agent],
+            markersize=3,
+            alpha=0.35,
+            markeredgewidth=0,
+        )
         smooth = stats.trailing_mean(returns, SMOOTHING)
         look = dict(color=COLOURS[agent], linestyle=LINES.get(agent, "-"), linewidth=2.2)
         axes.plot(episode[SMOOTHING - 1 :], smooth, **look, label=NAMES[agent])
     axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
     _mark_regimes(axes, config)
-    axes.set(xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})")
+    axes.set(
+        xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})"
+    )
     title = f"{NAMES[config.env]}, seed {config.seed}: the physics change at the dashed lines"
     axes.set_title(title, loc="left", pad=34)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
@@ -85,7 +108,9 @@ def learning_curves(runs, config, random_return, path):
 
 
 def study_curves(runs, config, random_return, path):
-    """A panel per agent of {agent: [records per seed]}: every seed, their mean, and its bootstrap interval."""
+    """A panel per agent of {agent: [records per seed]}: every seed, their mean, and its bootstrap
+    interval.
+    """
     rows, columns = -(-len(runs) // 3), min(3, len(runs))
     figure = Figure(figsize=(12, 0.9 + 2.7 * rows), layout="constrained")
     FigureCanvasAgg(figure)
@@ -96,7 +121,13 @@ def study_curves(runs, config, random_return, path):
         colour, middle = COLOURS[agent], curves.mean(0)
         axes.plot(episode, curves.T, color=colour, linewidth=0.6, alpha=0.5)
         draws = curves[rng.integers(len(curves), size=(500, len(curves)))].mean(1)
-        axes.fill_between(episode, *np.quantile(draws, [0.025, 0.975], axis=0), color=colour, alpha=0.25, linewidth=0)
+        axes.fill_between(
+            episode,
+            *np.quantile(draws, [0.025, 0.975], axis=0),
+            color=colour,
+            alpha=0.25,
+            linewidth=0,
+        )
         axes.plot(episode, middle, color=colour, linewidth=2)
         if "dqn" in smooth and agent != "dqn":
             axes.plot(episode, smooth["dqn"].mean(0), color="0.2", linewidth=1, linestyle=":")
@@ -111,13 +142,18 @@ def study_curves(runs, config, random_return, path):
         axes.tick_params(labelbottom=True)
     figure.supxlabel("episode; the physics change at the upright lines", fontsize=10)
     figure.supylabel(f"return, mean of the last {SMOOTHING}", fontsize=10)
-    what = "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random policy"
+    what = (
+        "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random"
+        " policy"
+    )
     figure.suptitle(f"{NAMES[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
     save(figure, path)
 
 
 def adaptation(summaries, config, path):
-    """Recovery and area after each drift of {agent: [summary per seed]}: every seed, and the median of each agent."""
+    """Recovery and area after each drift of {agent: [summary per seed]}: every seed, and the median
+    of each agent.
+    """
     count = len(next(iter(summaries.values()))[0]["regimes"])
     regimes = drift.check_schedule(config.env, config.schedule)[1:count]
     agents = [agent for agent in summaries if agent != "random"]
@@ -129,30 +165,47 @@ def adaptation(summaries, config, path):
     for k, agent in enumerate(agents):
         rows = list(zip(*(run["regimes"][1:] for run in summaries[agent]), strict=True))
         for axes, key, censored in ((above, "recovery", never), (below, "area", np.nan)):
-            values = np.array([[censored if run[key] is None else run[key] for run in regime] for regime in rows])
+            values = np.array(
+                [[censored if run[key] is None else run[key] for run in regime] for regime in rows]
+            )
             x = np.arange(len(rows)) + (k + 0.5) / len(agents) * 0.8 - 0.4
-            axes.plot(x, values, ".", color=COLOURS[agent], alpha=0.4, markersize=6, markeredgewidth=0)
-            axes.plot(x, np.median(values, 1), MARKS[agent], color=COLOURS[agent], markersize=7, label=NAMES[agent])
+            axes.plot(
+                x, values, ".", color=COLOURS[agent], alpha=0.4, markersize=6, markeredgewidth=0
+            )
+            axes.plot(
+                x,
+                np.median(values, 1),
+                MARKS[agent],
+                color=COLOURS[agent],
+                markersize=7,
+                label=NAMES[agent],
+            )
     above.axhline(never, color="0.7", linewidth=0.8, zorder=0)
     above.text(len(regimes) - 0.5, never, "never ", ha="right", va="bottom", color="0.4")
     above.set(ylabel="recovery, episodes", ylim=(0, 1.1 * never))
     below.axhline(1, color="0.7", linewidth=0.8, zorder=0)
     below.set(ylabel="area (0: random, 1: as before)", xlim=(-0.5, len(regimes) - 0.5))
-    labels = [("reset: " if event == "reset" else "") + drift.describe(factors, "\n") for _, factors, event in regimes]
+    labels = [
+        ("reset: " if event == "reset" else "") + drift.describe(factors, "\n")
+        for _, factors, event in regimes
+    ]
     below.set_xticks(range(len(regimes)), labels)
     for axes in (above, below):
         axes.spines[["top", "right"]].set_visible(False)
-    above.set_title(f"{NAMES[config.env]}, after each drift: dots are seeds, marks their medians", loc="left")
+    above.set_title(
+        f"{NAMES[config.env]}, after each drift: dots are seeds, marks their medians", loc="left"
+    )
     handles, names = above.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
     save(figure, path)
 
 
 def value_maps(before, after, m):
-    """Q_{m−1} (n, n, 3), what the booster adds, and Q_m over MountainCar's plane (watch.plane), above their policies.
+    """Q_{m−1} (n, n, 3), what the booster adds, and Q_m over MountainCar's plane (watch.plane),
+    above their policies.
 
-    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy actions, and where
-    the booster changed them. Returns the figure.
+    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy
+    actions, and where the booster changed them. Returns the figure.
     """
     figure = Figure(figsize=(10, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -160,11 +213,19 @@ def value_maps(before, after, m):
     added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
     low, high = min(before.max(-1).min(), after.max(-1).min()), max(before.max(), after.max())
     size = np.abs(added).max()
-    look = dict(origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest")
+    look = dict(
+        origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest"
+    )
     value = dict(cmap="viridis", vmin=low, vmax=high)
     change = dict(cmap="PuOr", vmin=-size, vmax=size)
-    titles = (f"$\\max_a\\, Q_{m - 1}$", f"$\\alpha\\, h_{m}$, at $Q_{m}$'s action", f"$\\max_a\\, Q_{m}$")
-    pictures = zip(top, titles, (before.max(-1), added, after.max(-1)), (value, change, value), strict=True)
+    titles = (
+        f"$\\max_a\\, Q_{m - 1}$",
+        f"$\\alpha\\, h_{m}$, at $Q_{m}$'s action",
+        f"$\\max_a\\, Q_{m}$",
+    )
+    pictures = zip(
+        top, titles, (before.max(-1), added, after.max(-1)), (value, change, value), strict=True
+    )
     for axes, title, picture, colours in pictures:
         figure.colorbar(axes.imshow(picture, **look, **colours), ax=axes)
         axes.set_title(title, loc="left")
@@ -178,31 +239,52 @@ def value_maps(before, after, m):
         axes.set_xlabel("position")
     for row in (top, bottom):
         row[0].set_ylabel("velocity, per step")
-    handles = [Patch(color=actions["cmap"](i), label=name) for i, name in enumerate(("left", "coast", "right"))]
+    handles = [
+        Patch(color=actions["cmap"](i), label=name)
+        for i, name in enumerate(("left", "coast", "right"))
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
 def _smoothed(records):
     """Trailing means of the returns (seeds, episodes − SMOOTHING + 1)."""
-    return np.array([stats.trailing_mean(np.array([each["return"] for each in run]), SMOOTHING) for run in records])
+    return np.array(
+        [
+            stats.trailing_mean(np.array([each["return"] for each in run]), SMOOTHING)
+            for run in records
+        ]
+    )
 
 
 def forest(final, path):
-    """Final returns minus DQN's on the same seeds, {agent: (seeds,)}: every pair, their IQM and its interval."""
+    """Final returns minus DQN's on the same seeds, {agent: (seeds,)}: every pair, their IQM and its
+    interval.
+    """
     others = [agent for agent in final if agent != "dqn"]
     figure = Figure(figsize=(8, 1.2 + 0.45 * len(others)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.axvline(0, color="0.25", linewidth=1)
     for y, agent in enumerate(reversed(others)):
-        middle, low, high = stats.paired_difference(final[agent], final["dqn"], np.random.default_rng(0))
+        middle, low, high = stats.paired_difference(
+            final[agent], final["dqn"], np.random.default_rng(0)
+        )
         difference = np.asarray(final[agent]) - final["dqn"]
-        axes.plot(difference, np.full(len(difference), y), "o", color=COLOURS[agent], alpha=0.5, markersize=4)
+        axes.plot(
+            difference,
+            np.full(len(difference), y),
+            "o",
+            color=COLOURS[agent],
+            alpha=0.5,
+            markersize=4,
+        )
         axes.plot([low, high], [y, y], color=COLOURS[agent], linewidth=2)
         axes.plot(middle, y, MARKS[agent], color=COLOURS[agent], markersize=8)
     axes.set_yticks(range(len(others)), [NAMES[agent] for agent in reversed(others)])
-    axes.set_xlabel("final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)")
+    axes.set_xlabel(
+        "final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)"
+    )
     axes.spines[["top", "right"]].set_visible(False)
     save(figure, path)
 
@@ -216,7 +298,11 @@ def save(figure, path):
 
 def _mark_regimes(axes, config):
     """Shade the regimes in turn, and say above each what is not as in the stock physics."""
-    regimes = [regime for regime in drift.check_schedule(config.env, config.schedule) if regime[0] < config.episodes]
+    regimes = [
+        regime
+        for regime in drift.check_schedule(config.env, config.schedule)
+        if regime[0] < config.episodes
+    ]
     starts = [start for start, _, _ in regimes]
     axes.set_xlim(0, config.episodes)
     for (start, factors, event), end in zip(regimes, [*starts[1:], config.episodes], strict=True):

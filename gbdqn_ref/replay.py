@@ -1,7 +1,8 @@
-"""Replay buffers: uniform, proportional to TD error (Schaul et al. 2016), and mixed with recency (Eqs. 10–11).
+"""Replay buffers: uniform, proportional to TD error (Schaul et al. 2016), and mixed with recency
+(Eqs. 10–11).
 
-Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age = transitions added since (newest 0),
-slot = place in the ring. Everything per sample is (B,).
+Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age = transitions added
+since (newest 0), slot = place in the ring. Everything per sample is (B,).
 """
 
 from math import expm1
@@ -11,7 +12,9 @@ import numpy as np
 
 
 class Batch(NamedTuple):
-    """B sampled transitions: index (B,) slots, s (B, d), a (B,), r (B,), s2 (B, d), terminated (B,), weight (B,)."""
+    """B sampled transitions: index (B,) slots, s (B, d), a (B,), r (B,), s2 (B, d), terminated
+    (B,), weight (B,).
+    """
 
     index: np.ndarray
     s: np.ndarray
@@ -23,12 +26,16 @@ class Batch(NamedTuple):
 
 
 def td_priority(delta, priority_offset, priority_exponent):
-    """p^TD = (|δ| + ε)^γ, with ε the offset and γ the exponent of the paper (section "Recency and TD-error …")."""
+    """p^TD = (|δ| + ε)^γ, with ε the offset and γ the exponent of the paper (section "Recency and
+    TD-error …").
+    """
     return (np.abs(delta) + priority_offset) ** priority_exponent
 
 
 def time_priority(age, recency_rate):
-    """p^time = exp(−α · age), age in transitions added since (D5): 1 for the newest, in (0, 1] for all."""
+    """p^time = exp(−α · age), age in transitions added since (D5): 1 for the newest, in (0, 1] for
+    all.
+    """
     return np.exp(-recency_rate * np.asarray(age, np.float64))
 
 
@@ -38,7 +45,8 @@ def mixed_priority(p_td, p_time, mix):
 
 
 def importance_weights(probabilities, n, is_exponent, normalise="batch"):
-    """w = (1 / (N P))^β, divided by the batch's largest ("batch", as in the paper) or not at all (None); (B,) → (B,).
+    """w = (1 / (N P))^β, divided by the batch's largest ("batch", as in the paper) or not at all
+    (None); (B,) → (B,).
 
     Only exponent 1 without normalisation makes the weighted mean unbiased.
 
@@ -72,7 +80,13 @@ class UniformReplay:
     def add(self, s, a, r, s2, terminated):
         """Store a transition over the oldest one when full; returns its slot."""
         slot = self.added % self.capacity
-        self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = s, a, r, s2, terminated
+        self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = (
+            s,
+            a,
+            r,
+            s2,
+            terminated,
+        )
         self.added += 1
         return slot
 
@@ -86,14 +100,24 @@ class UniformReplay:
         return self._batch(index, np.ones(batch_size, np.float32))
 
     def _batch(self, index, weight):
-        return Batch(index, self.s[index], self.a[index], self.r[index], self.s2[index], self.terminated[index], weight)
+        return Batch(
+            index,
+            self.s[index],
+            self.a[index],
+            self.r[index],
+            self.s2[index],
+            self.terminated[index],
+            weight,
+        )
 
     def probabilities(self):
         """P (N,), by slot: what sample() draws from."""
         return np.full(len(self), 1 / len(self))
 
     def update_priorities(self, index, delta):
-        """Take note of the TD errors (B,) of the transitions in these slots; here nothing depends on them."""
+        """Take note of the TD errors (B,) of the transitions in these slots; here nothing depends
+        on them.
+        """
 
     def check_valid(self):
         """Raise AssertionError unless the ring is consistent."""
@@ -104,13 +128,15 @@ class UniformReplay:
 
 
 class SumTree:
-    """Non-negative numbers whose sum, and a draw in proportion to them, cost O(log N) instead of O(N).
+    """Non-negative numbers whose sum, and a draw in proportion to them, cost O(log N) instead of
+    O(N).
 
-    Each number of a level is the sum of FAN numbers below it; a level of at most TOP numbers is the last. Few levels
-    and wide ones, since NumPy's price is the number of calls (here FAN = TOP = 4; 32 and 2,048 in the code):
+    Each number of a level is the sum of FAN numbers below it; a level of at most TOP numbers is the
+    last. Few levels and wide ones, since NumPy's price is the number of calls (here FAN = TOP = 4;
+    32 and 2,048 in the code):
 
         levels[1]      10           26
-        levels[0]   1 2 3 4      5 6 7 8     u = 17 of 36: 17 ≥ 10, so the right one with 7 left: 5 ≤ 7 < 5 + 6, leaf 5
+        levels[0]   1 2 3 4      5 6 7 8     u = 17: 17 ≥ 10, so right, 7 left: 5 ≤ 7 < 11, leaf 5
     """
 
     FAN, TOP = 32, 2048
@@ -131,18 +157,24 @@ class SumTree:
         return float(self.levels[-1].sum())
 
     def set(self, index, value):
-        """Write leaves and sum anew above them: sums of the children, never differences, so that no error builds up."""
+        """Write leaves and sum anew above them: sums of the children, never differences, so that no
+        error builds up.
+        """
         self.leaves[index] = value
         for below, above in zip(self.levels, self.levels[1:], strict=False):
             index = index // self.FAN
             above[index] = below.reshape(-1, self.FAN)[index].sum(-1)
 
     def find(self, u):
-        """The leaf in which each u (B,) in [0, total) falls when the leaves are laid end to end; never an empty one."""
+        """The leaf in which each u (B,) in [0, total) falls when the leaves are laid end to end;
+        never an empty one.
+        """
         *lower, top = self.levels
         edges = np.zeros(len(top) + 1)  # where each number begins, and the last one ends
         top.cumsum(out=edges[1:])
-        u = np.minimum(u, np.nextafter(edges[-1], 0))  # rounding must not carry u past the last leaf
+        u = np.minimum(
+            u, np.nextafter(edges[-1], 0)
+        )  # rounding must not carry u past the last leaf
         index = (edges.searchsorted(u, "right") - 1) % len(top)  # where all are 0, the first
         u = u - edges[index]
         rows, edges = np.arange(len(u)), np.zeros((len(u), self.FAN + 1))
@@ -156,13 +188,21 @@ class SumTree:
 
 
 class ProportionalReplay(UniformReplay):
-    """Prioritized replay, proportional variant: P(i) = p^TD_i / Σ p^TD, weights w_i = (N P(i))^−is_exponent.
+    """Prioritized replay, proportional variant: P(i) = p^TD_i / Σ p^TD, weights w_i = (N
+    P(i))^−is_exponent.
 
-    A new transition enters with the largest priority seen so far, so that it is soon looked at (D4).
+    A new transition enters with the largest priority seen so far, so that it is soon looked at
+    (D4).
     """
 
     def __init__(
-        self, capacity, state_dim, priority_offset=0.01, priority_exponent=0.6, is_exponent=0.4, normalise="batch"
+        self,
+        capacity,
+        state_dim,
+        priority_offset=0.01,
+        priority_exponent=0.6,
+        is_exponent=0.4,
+        normalise="batch",
     ):
         super().__init__(capacity, state_dim)
         self.priority_offset, self.priority_exponent = priority_offset, priority_exponent
@@ -177,14 +217,18 @@ class ProportionalReplay(UniformReplay):
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement from probabilities()."""
         index = self._draw(batch_size, rng)
-        weight = importance_weights(self._probability(index), len(self), self.is_exponent, self.normalise)
+        weight = importance_weights(
+            self._probability(index), len(self), self.is_exponent, self.normalise
+        )
         return self._batch(index, weight.astype(np.float32))
 
     def probabilities(self):
         return self._probability(np.arange(len(self)))
 
     def update_priorities(self, index, delta):
-        priority = td_priority(np.asarray(delta, np.float64), self.priority_offset, self.priority_exponent)
+        priority = td_priority(
+            np.asarray(delta, np.float64), self.priority_offset, self.priority_exponent
+        )
         self.tree.set(index, priority)
         self.max_priority = max(self.max_priority, float(priority.max()))
 
@@ -202,7 +246,9 @@ class ProportionalReplay(UniformReplay):
 
     def check_valid(self):
         super().check_valid()
-        assert (self.tree.leaves[: len(self)] >= 0).all() and not self.tree.leaves[len(self) :].any()
+        assert (self.tree.leaves[: len(self)] >= 0).all() and not self.tree.leaves[
+            len(self) :
+        ].any()
         for below, above in zip(self.tree.levels, self.tree.levels[1:], strict=False):
             sums = below.reshape(-1, SumTree.FAN).sum(-1)
             assert (above[: len(sums)] == sums).all() and not above[len(sums) :].any()
@@ -211,17 +257,21 @@ class ProportionalReplay(UniformReplay):
 
 def _positive(total):
     if not total > 0:
-        raise ValueError("every priority is 0, so P = p / Σp is undefined; priority_offset must be positive")
+        raise ValueError(
+            "every priority is 0, so P = p / Σp is undefined; priority_offset must be positive"
+        )
     return total
 
 
 class RecencyReplay(ProportionalReplay):
-    """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11), exact and always fresh.
+    """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11), exact
+    and always fresh.
 
-    Eq. 10 is a mixture, so a draw has two stages. With probability λ = β S_TD / (β S_TD + (1 − β) S_time) it is made
-    in proportion to p^TD; else an age is drawn from the truncated geometric distribution, in closed form:
-    S_time = (1 − e^{−αN}) / (1 − e^{−α}),  age = ⌊−log(1 − u (1 − e^{−αN})) / α⌋.  No age-dependent priority is ever
-    stored, so none goes stale (the paper's p_i does between two visits: D5). Rate 0 makes recency uniform.
+    Eq. 10 is a mixture, so a draw has two stages. With probability λ = β S_TD / (β S_TD + (1 − β)
+    S_time) it is made in proportion to p^TD; else an age is drawn from the truncated geometric
+    distribution, in closed form: S_time = (1 − e^{−αN}) / (1 − e^{−α}),  age = ⌊−log(1 − u (1 −
+    e^{−αN})) / α⌋.  No age-dependent priority is ever stored, so none goes stale (the paper's p_i
+    does between two visits: D5). Rate 0 makes recency uniform.
     """
 
     def __init__(self, capacity, state_dim, mix=0.5, recency_rate=1e-3, **proportional):
@@ -251,7 +301,9 @@ class RecencyReplay(ProportionalReplay):
         return np.minimum(age.astype(np.int64), n - 1)
 
     def _priority(self, index):
-        return mixed_priority(self.tree.leaves[index], time_priority(self.age(index), self.recency_rate), self.mix)
+        return mixed_priority(
+            self.tree.leaves[index], time_priority(self.age(index), self.recency_rate), self.mix
+        )
 
     def _total(self):
         return _positive(mixed_priority(self.tree.total(), self.time_total(), self.mix))

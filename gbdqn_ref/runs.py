@@ -6,7 +6,8 @@
     summary.json     the table per regime, when the run is complete
     curve.png        the learning curve with its drifts, likewise
 
-No file depends on the clock: killed and resumed, a run ends with the same bytes as one that was left alone.
+No file depends on the clock: killed and resumed, a run ends with the same bytes as one that was
+left alone.
 """
 
 import csv
@@ -49,15 +50,20 @@ CHECKPOINT_SECONDS = 10
 
 
 def train(config, out, resume=False, quiet=False):
-    """Train into the folder `out`, showing progress; returns its summary. A complete run is only read.
+    """Train into the folder `out`, showing progress; returns its summary. A complete run is only
+    read.
 
-    Without resume the folder must be new or empty. With it, a run that was killed goes on from its checkpoint.
+    Without resume the folder must be new or empty. With it, a run that was killed goes on from its
+    checkpoint.
     """
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; choose another --out")
     if resume and read_config(out) != config:
-        raise UsageError(f"the run in {out} has other settings; leave them out to resume it, or choose another --out")
+        raise UsageError(
+            f"the run in {out} has other settings; leave them out to resume it, or choose another"
+            " --out"
+        )
     out.mkdir(parents=True, exist_ok=True)
     with locked(out):
         if not resume:
@@ -78,7 +84,9 @@ def locked(out):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as e:
-            raise UsageError(f"{out} is in use by another process; wait for it or choose another --out") from e
+            raise UsageError(
+                f"{out} is in use by another process; wait for it or choose another --out"
+            ) from e
         yield
     finally:
         os.close(descriptor)
@@ -92,16 +100,25 @@ def _train(config, out, quiet):
     saved = time.monotonic()
     with (
         open(out / "episodes.csv", "a", newline="", encoding="utf-8") as file,
-        tqdm(total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet) as bar,
+        tqdm(
+            total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet
+        ) as bar,
     ):
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         for record in run(config, agent, first) if first < config.episodes else []:
             writer.writerow(record | {"evaluation": " ".join(map(repr, record["evaluation"]))})
             file.flush()
-            shown = {"return": f"{record['return']:.0f}", "ε": f"{record['epsilon']:.2f}", "regime": record["regime"]}
+            shown = {
+                "return": f"{record['return']:.0f}",
+                "ε": f"{record['epsilon']:.2f}",
+                "regime": record["regime"],
+            }
             bar.set_postfix(shown, refresh=False)
             bar.update()
-            if time.monotonic() - saved > CHECKPOINT_SECONDS and record["episode"] + 1 < config.episodes:
+            if (
+                time.monotonic() - saved > CHECKPOINT_SECONDS
+                and record["episode"] + 1 < config.episodes
+            ):
                 checkpoint.save(out / "checkpoint.npz", agent, record["episode"] + 1)
                 saved = time.monotonic()
     checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
@@ -111,7 +128,9 @@ def _train(config, out, quiet):
 
 
 def summarise(config, agent, records):
-    """The contents of summary.json; `evaluation` has a row after each regime, a column for each it is evaluated in."""
+    """The contents of summary.json; `evaluation` has a row after each regime, a column for each it
+    is evaluated in.
+    """
     level = random_return(config)
     summary = {
         "env": config.env,
@@ -138,13 +157,17 @@ def random_return(config, episodes=20):
 def _start(config, out):
     """Put config.json into an empty folder; what a crash left half-written does not count."""
     if any(path.suffix != ".part" for path in out.iterdir()):
-        raise UsageError(f"{out} is not empty; choose another --out, or continue the run in it with --resume")
+        raise UsageError(
+            f"{out} is not empty; choose another --out, or continue the run in it with --resume"
+        )
     versions = {
         "gbdqn_ref": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "gymnasium": gymnasium.__version__,
-        "mujoco": version("mujoco"),  # not imported for its version: it takes as long as all else together
+        "mujoco": version(
+            "mujoco"
+        ),  # not imported for its version: it takes as long as all else together
     }
     write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
 
@@ -158,7 +181,9 @@ def read_config(out):
     try:
         return Config.from_dict(values)
     except (UsageError, TypeError) as e:
-        raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
+        raise UsageError(
+            f"{path} is damaged ({e}); restore it or start a new run in another folder"
+        ) from e
 
 
 def read_agent(out):
@@ -166,7 +191,9 @@ def read_agent(out):
     config = read_config(out)
     agent = make_agent(config)
     if not (Path(out) / "checkpoint.npz").exists():
-        raise UsageError(f"the run in {out} has no checkpoint.npz yet; let it go on with train --resume")
+        raise UsageError(
+            f"the run in {out} has no checkpoint.npz yet; let it go on with train --resume"
+        )
     checkpoint.load(Path(out) / "checkpoint.npz", agent)
     return config, agent
 
@@ -183,27 +210,40 @@ def read_episodes(out):
 
 
 def _parse(path, lines):
-    """Records from the lines of an episodes.csv; UsageError names the line that is not as it should be."""
+    """Records from the lines of an episodes.csv; UsageError names the line that is not as it should
+    be.
+    """
     if not lines or lines[0] != HEADER:
         raise UsageError(f"{path} is damaged: its first line should read {HEADER.decode()}")
     records = []
     for k, line in enumerate(lines[1:]):
         try:
             values = line.decode().split(",")
-            records.append({name: kind(text) for (name, kind), text in zip(COLUMNS.items(), values, strict=True)})
+            records.append(
+                {
+                    name: kind(text)
+                    for (name, kind), text in zip(COLUMNS.items(), values, strict=True)
+                }
+            )
             if records[k]["episode"] != k:
                 raise ValueError(f"episode {k} is missing")
         except ValueError as e:
-            raise UsageError(f"{path} is damaged in line {k + 2} ({e}); restore it or start a new run") from e
+            raise UsageError(
+                f"{path} is damaged in line {k + 2} ({e}); restore it or start a new run"
+            ) from e
     return records
 
 
 def _cut(path, episodes):
     """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
-    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []  # but for what follows the last line's end
+    lines = (
+        path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    )  # but for what follows the last line's end
     kept = lines[: episodes + 1] if episodes else [HEADER]
     if len(_parse(path, kept)) < episodes:
-        raise UsageError(f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen")
+        raise UsageError(
+            f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen"
+        )
     write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
 
 
@@ -215,7 +255,9 @@ def read_json(path, *keys):
         if missing:
             raise ValueError(f"no {missing}")
     except (ValueError, TypeError) as e:
-        raise UsageError(f"{path} is damaged ({e}); restore it or start a new run in another folder") from e
+        raise UsageError(
+            f"{path} is damaged ({e}); restore it or start a new run in another folder"
+        ) from e
     return content
 
 

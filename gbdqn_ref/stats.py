@@ -1,25 +1,33 @@
 """What a learning curve says, and what several of them say together.
 
-Of one curve: final return, and per regime the mean, the drop at its start, the recovery and the area under it.
-Of several, one per seed: interquartile mean, bootstrap intervals, paired differences, forgetting.
+Of one curve: final return, and per regime the mean, the drop at its start, the recovery and the
+area under it. Of several, one per seed: interquartile mean, bootstrap intervals, paired
+differences, forgetting.
 
-Returns of different regimes are compared on one scale, level = (return − random) / (reference − random): 0 is the
-random policy, 1 the mean of the 20 episodes before the drift. (A tenth more or less than a return of −100 would mean
-opposite things.)
+Returns of different regimes are compared on one scale, level = (return − random) / (reference −
+random): 0 is the random policy, 1 the mean of the 20 episodes before the drift. (A tenth more or
+less than a return of −100 would mean opposite things.)
 """
 
 import numpy as np
 
-EDGE, WINDOW, RECOVERED = 20, 10, 0.9  # episodes at a regime's edge, episodes of a trailing mean, level that counts
+EDGE, WINDOW, RECOVERED = (
+    20,
+    10,
+    0.9,
+)  # episodes at a regime's edge, episodes of a trailing mean, level that counts
 
 
 def final_return(returns, last=50):
-    """Mean return of the last 50 episodes (the paper does not say what its "Final Return" is: D12)."""
+    """Mean return of the last 50 episodes (the paper does not say what its "Final Return" is:
+    D12).
+    """
     return float(np.mean(returns[-last:]))
 
 
 def trailing_mean(x, window):
-    """Mean of each element and the window − 1 before it: (n,) → (n − window + 1,); empty if x is shorter.
+    """Mean of each element and the window − 1 before it: (n,) → (n − window + 1,); empty if x is
+    shorter.
 
     >>> trailing_mean(np.array([1.0, 2.0, 6.0]), 2).tolist()
     [1.5, 4.0]
@@ -30,17 +38,20 @@ def trailing_mean(x, window):
 
 
 def recovery(levels):
-    """Episodes until the trailing mean of 10 levels first reaches 0.9, or None if it never does (censored)."""
+    """Episodes until the trailing mean of 10 levels first reaches 0.9, or None if it never does
+    (censored).
+    """
     reached = np.flatnonzero(trailing_mean(np.asarray(levels), WINDOW) >= RECOVERED)
     return int(reached[0]) + WINDOW if len(reached) else None
 
 
 def regime_table(records, random_return):
-    """One dict per regime: first episode, episodes, event, mean return; drop, recovery, area against the one before.
+    """One dict per regime: first episode, episodes, event, mean return; drop, recovery, area
+    against the one before.
 
-    drop = 1 − mean level of the first 20 episodes, area = mean level of all of them. All three are None in the first
-    regime, and where the 20 episodes before the drift were not better than the random policy by two standard errors,
-    so that nothing could be lost.
+    drop = 1 − mean level of the first 20 episodes, area = mean level of all of them. All three are
+    None in the first regime, and where the 20 episodes before the drift were not better than the
+    random policy by two standard errors, so that nothing could be lost.
     """
     regimes = [record["regime"] for record in records]
     starts = [i for i in range(len(records)) if i == 0 or regimes[i] != regimes[i - 1]]
@@ -58,7 +69,9 @@ def regime_table(records, random_return):
             "area": None,
         }
         if table:
-            before = np.array([record["return"] for record in records[max(0, start - EDGE) : start]])
+            before = np.array(
+                [record["return"] for record in records[max(0, start - EDGE) : start]]
+            )
             span = before.mean() - random_return
             if span > 2 * before.std() / np.sqrt(len(before)):
                 levels = (returns - random_return) / span
@@ -69,9 +82,11 @@ def regime_table(records, random_return):
 
 
 def iqm(x, axis=-1):
-    """Interquartile mean: the mean of the middle half, 2 ∫ F⁻¹(u) du from ¼ to ¾, F⁻¹ the sorted values as steps.
+    """Interquartile mean: the mean of the middle half, 2 ∫ F⁻¹(u) du from ¼ to ¾, F⁻¹ the sorted
+    values as steps.
 
-    Of 5 values each fills a fifth: the second and the fourth count by 3/4 of it (from 0.25 to 0.4), the third whole.
+    Of 5 values each fills a fifth: the second and the fourth count by 3/4 of it (from 0.25 to 0.4),
+    the third whole.
 
     >>> float(iqm(np.array([0.0, 1.0, 2.0, 3.0, 100.0])))
     2.0
@@ -84,14 +99,18 @@ def iqm(x, axis=-1):
 
 
 def bootstrap_interval(x, rng, statistic=iqm, level=0.95, resamples=2000):
-    """(low, high): percentiles of the statistic over resamples of the runs, x (runs,) or (environments, runs).
+    """(low, high): percentiles of the statistic over resamples of the runs, x (runs,) or
+    (environments, runs).
 
-    Stratified: runs are drawn with replacement within each environment, and the statistic is averaged over them. With
-    five runs such an interval is too narrow: of normal data the nominal 95 % cover 88 % (measured; the mean's 81 %).
+    Stratified: runs are drawn with replacement within each environment, and the statistic is
+    averaged over them. With five runs such an interval is too narrow: of normal data the nominal 95
+    % cover 88 % (measured; the mean's 81 %).
     """
     x = np.atleast_2d(x)
     draws = rng.integers(x.shape[1], size=(resamples, *x.shape))
-    values = statistic(np.take_along_axis(np.broadcast_to(x, draws.shape), draws, -1), axis=-1).mean(-1)
+    values = statistic(
+        np.take_along_axis(np.broadcast_to(x, draws.shape), draws, -1), axis=-1
+    ).mean(-1)
     low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
 
@@ -103,21 +122,27 @@ def paired_difference(x, y, rng, **options):
 
 
 def mean_std(x):
-    """(mean, std) over runs, as the paper's tables seem to give them; the std with n − 1, None for one run."""
+    """(mean, std) over runs, as the paper's tables seem to give them; the std with n − 1, None for
+    one run.
+    """
     return float(np.mean(x)), float(np.std(x, ddof=1)) if len(x) > 1 else None
 
 
 def median_recovery(recoveries):
-    """The median of recovery times of which None (never within the regime) is later than any; None if it is that."""
+    """The median of recovery times of which None (never within the regime) is later than any; None
+    if it is that.
+    """
     ordered = sorted(recoveries, key=lambda time: (time is None, time))
     low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
     return None if high is None else (low + high) / 2
 
 
 def forgetting(returns):
-    """What is lost of each regime: its best return so far less its last one, from returns (after k, on j), (R, R).
+    """What is lost of each regime: its best return so far less its last one, from returns (after k,
+    on j), (R, R).
 
-    Only evaluations after a regime was first met count; of the last one nothing can be forgotten yet.
+    Only evaluations after a regime was first met count; of the last one nothing can be forgotten
+    yet.
     """
     returns = np.asarray(returns)
     return [float(returns[j:, j].max() - returns[-1, j]) for j in range(len(returns) - 1)]

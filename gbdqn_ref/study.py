@@ -1,4 +1,5 @@
-"""Many runs, agents × seeds, over any concurrent.futures.Executor. What is finished is not repeated.
+"""Many runs, agents × seeds, over any concurrent.futures.Executor. What is finished is not
+repeated.
 
     study.json       what is compared: environment and settings, agents, seeds
     AGENT-SEED/      one run each, as runs.train() leaves it
@@ -20,11 +21,12 @@ from .config import Config
 
 
 def run_study(configs, out, executor=None, jobs=1, quiet=False):
-    """Train every config, at most `jobs` at a time, and return {"AGENT-SEED": error} of the runs that failed.
+    """Train every config, at most `jobs` at a time, and return {"AGENT-SEED": error} of the runs
+    that failed.
 
-    The configs differ in agent and seed alone, so that runs with one seed meet the same starts and the same drifts.
-    Without an executor of yours the runs are spread over processes; what a process that was killed leaves behind is
-    taken up once more.
+    The configs differ in agent and seed alone, so that runs with one seed meet the same starts and
+    the same drifts. Without an executor of yours the runs are spread over processes; what a process
+    that was killed leaves behind is taken up once more.
     """
     out = Path(out)
     _check_folder(configs, out)
@@ -37,7 +39,11 @@ def run_study(configs, out, executor=None, jobs=1, quiet=False):
                 failed = _train_all(executor, left, left, bar)
             else:
                 failed = _train_in_processes(jobs, left, left, bar)
-                broken = {folder: left[folder] for folder, e in failed.items() if isinstance(e, BrokenExecutor)}
+                broken = {
+                    folder: left[folder]
+                    for folder, e in failed.items()
+                    if isinstance(e, BrokenExecutor)
+                }
                 failed = {folder: failed[folder] for folder in failed if folder not in broken}
                 failed |= _train_in_processes(jobs, broken, left, bar) if broken else {}
         if not failed:
@@ -58,14 +64,26 @@ def report(out):
 
 def train_one(values, folder):
     """One run, in whatever process: {name: value} of its Config, and its folder, begun or not."""
-    runs.train(Config.from_dict(values), folder, resume=(Path(folder) / "config.json").exists(), quiet=True)
+    runs.train(
+        Config.from_dict(values), folder, resume=(Path(folder) / "config.json").exists(), quiet=True
+    )
 
 
 def _description(configs):
-    """What study.json says; agent, seed and the agent's own replay are what may differ between runs."""
-    settings = {key: value for key, value in configs[0].to_dict().items() if key not in ("agent", "seed", "replay")}
+    """What study.json says; agent, seed and the agent's own replay are what may differ between
+    runs.
+    """
+    settings = {
+        key: value
+        for key, value in configs[0].to_dict().items()
+        if key not in ("agent", "seed", "replay")
+    }
     agents = list(dict.fromkeys(config.agent for config in configs))
-    return {"settings": settings, "agents": agents, "seeds": sorted({config.seed for config in configs})}
+    return {
+        "settings": settings,
+        "agents": agents,
+        "seeds": sorted({config.seed for config in configs}),
+    }
 
 
 def _check_folder(configs, out):
@@ -75,7 +93,9 @@ def _check_folder(configs, out):
     known = out / "study.json"
     if known.exists():
         if runs.read_json(known, "settings")["settings"] != _description(configs)["settings"]:
-            raise UsageError(f"the study in {out} has other settings; repeat them, or choose another --out")
+            raise UsageError(
+                f"the study in {out} has other settings; repeat them, or choose another --out"
+            )
     elif any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(f"{out} is not empty and holds no study; choose another --out")
 
@@ -96,9 +116,14 @@ def die_with_parent():
 
 
 def _train_all(executor, left, runs_of_bar, bar):
-    """{folder: exception} of the runs that failed; the bar counts the episodes of all runs of the study."""
+    """{folder: exception} of the runs that failed; the bar counts the episodes of all runs of the
+    study.
+    """
     submit = executor.submit
-    folders = {submit(train_one, config.to_dict(), str(folder.resolve())): folder for folder, config in left.items()}
+    folders = {
+        submit(train_one, config.to_dict(), str(folder.resolve())): folder
+        for folder, config in left.items()
+    }
     pending = set(folders)
     try:
         while pending:

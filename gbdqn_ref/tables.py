@@ -11,11 +11,17 @@ RANDOM = "random policy, stock physics"
 def regimes(summaries, config):
     """Per regime and agent the mean return, the drop and the recovery; then the final return."""
     names = [plots.NAMES[agent] for agent in summaries]
-    print(f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
+    print(
+        f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per"
+        " regime"
+    )
     tables = [summary["regimes"] for summary in summaries.values()]
     labels = [_label(row, config) for row in tables[0]]
     width = max(len(label) for label in (*labels, RANDOM)) + 1
-    print(f"\n{'regime':{width}}" + "".join(f"{name:>14}{'drop':>7}{'recovery':>10}" for name in names))
+    print(
+        f"\n{'regime':{width}}"
+        + "".join(f"{name:>14}{'drop':>7}{'recovery':>10}" for name in names)
+    )
     for label, *rows in zip(labels, *tables, strict=True):
         cells = [f"{row['mean_return']:14.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
         print(f"{label:{width}}" + "".join(cells))
@@ -26,30 +32,49 @@ def regimes(summaries, config):
     for agent, summary in summaries.items():
         if "recency_share_of_replay" in summary:
             print(
-                f"\n{plots.NAMES[agent]} ended with {summary['recency_share_of_replay']:.0%} of its samples by recency"
+                f"\n{plots.NAMES[agent]} ended with {summary['recency_share_of_replay']:.0%} of its"
+                " samples by recency"
             )
-    print("\ndrop: part of the level before the drift lost in the first 20 episodes after it (random policy = 0)")
-    print("recovery: episodes until a mean of 10 is back at 90 % of that level; never: not within the regime")
+    print(
+        "\ndrop: part of the level before the drift lost in the first 20 episodes after it (random"
+        " policy = 0)"
+    )
+    print(
+        "recovery: episodes until a mean of 10 is back at 90 % of that level; never: not within the"
+        " regime"
+    )
 
 
 def study(summaries, config):
-    """Per agent the mean return in each regime; of the final return mean ± std, IQM, and the difference to DQN."""
+    """Per agent the mean return in each regime; of the final return mean ± std, IQM, and the
+    difference to DQN.
+    """
     count = len(next(iter(summaries.values())))
-    final = {agent: np.array([row["final_return"] for row in rows]) for agent, rows in summaries.items()}
+    final = {
+        agent: np.array([row["final_return"] for row in rows]) for agent, rows in summaries.items()
+    }
     print(f"\n{plots.NAMES[config.env]}, {count} runs each: mean return per regime; final return")
     for row in next(iter(summaries.values()))[0]["regimes"]:
         print(f"  {_label(row, config)}")
     print(f"\n{'':14}{'regimes':35}{'mean ± std':>20}{'IQM':>9}   minus DQN's [95 %]")
     for agent, rows in summaries.items():
-        means = np.mean([[regime["mean_return"] for regime in row["regimes"]] for row in rows], axis=0)
+        means = np.mean(
+            [[regime["mean_return"] for regime in row["regimes"]] for row in rows], axis=0
+        )
         cells = "".join(f"{mean:8.1f}" for mean in means)
         mean, std = stats.mean_std(final[agent])
-        line = f"{plots.NAMES[agent]:14}{cells:44}{mean:8.1f} ± {std or 0:5.1f}{stats.iqm(final[agent]):9.1f}"
+        line = (
+            f"{plots.NAMES[agent]:14}{cells:44}{mean:8.1f} ±"
+            f" {std or 0:5.1f}{stats.iqm(final[agent]):9.1f}"
+        )
         if "dqn" in final and agent != "dqn":
             paired = stats.paired_difference(final[agent], final["dqn"], np.random.default_rng(0))
             line += "   {:+.1f} [{:+.1f}, {:+.1f}]".format(*paired)
         print(line)
-    print("\nIQM: interquartile mean; minus DQN's: IQM over paired seeds, bootstrap interval (too narrow at 5 runs)")
+    print(
+        "\nIQM: interquartile mean; minus DQN's: IQM over paired seeds, bootstrap interval (too"
+        " narrow at 5 runs)"
+    )
 
 
 def drift_effect(rows, config):
@@ -59,19 +84,36 @@ def drift_effect(rows, config):
     print(f"{'regime':{width}}{'random':>9}{'frozen':>9}{'trained':>9}{'lost':>8}")
     for row in rows:
         lost = "–" if row["lost"] is None else f"{row['lost']:.0%}"
-        print(f"{row['regime']:{width}}{row['random']:9.1f}{row['frozen']:9.1f}{row['trained']:9.1f}{lost:>8}")
+        print(
+            f"{row['regime']:{width}}{row['random']:9.1f}{row['frozen']:9.1f}{row['trained']:9.1f}{lost:>8}"
+        )
     hurt = sum(row["lost"] is not None and row["lost"] >= HURTS for row in rows[1:])
-    print("\nfrozen: trained in the stock physics, without learning; trained: in this regime from the start")
-    print("lost: part of the span from random to trained that frozen falls short of; –: trained learnt nothing there")
+    print(
+        "\nfrozen: trained in the stock physics, without learning; trained: in this regime from the"
+        " start"
+    )
+    print(
+        "lost: part of the span from random to trained that frozen falls short of; –: trained"
+        " learnt nothing there"
+    )
     print(f"{hurt} of {len(rows) - 1} drifts cost at least a fifth of the span")
 
 
 def costs(title, columns, rows):
     """One section of the benchmark."""
     widths = [max(10, len(column) + 2) for column in columns]
-    print(f"\n{title}\n" + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True)))
+    print(
+        f"\n{title}\n"
+        + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True))
+    )
     for label, numbers in rows.items():
-        print("".join(f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)), "", label)
+        print(
+            "".join(
+                f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)
+            ),
+            "",
+            label,
+        )
 
 
 def _decimals(x):
@@ -80,7 +122,9 @@ def _decimals(x):
 
 
 def _label(row, config):
-    entry = next((entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {})
+    entry = next(
+        (entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {}
+    )
     factors = {name: value for name, value in entry.items() if name not in ("episode", "reset")}
     return f"{row['regime']}  {drift.describe(factors)}"
 

@@ -1,8 +1,8 @@
 """Finite MDPs, where the Bellman operator and Q* are exact and the theorems can be decided.
 
-Letters: S states, A actions, P (S, A, S) transition probabilities, r (S, A) expected rewards, γ discount; Q (S, A).
-A terminal state is one that loops on itself with reward 0, so that its value is 0 and needs no special case. Arrays of
-Fractions (dtype object) work wherever no limit is taken.
+Letters: S states, A actions, P (S, A, S) transition probabilities, r (S, A) expected rewards, γ
+discount; Q (S, A). A terminal state is one that loops on itself with reward 0, so that its value is
+0 and needs no special case. Arrays of Fractions (dtype object) work wherever no limit is taken.
 """
 
 import numpy as np
@@ -20,7 +20,9 @@ class MDP:
     def __init__(self, P, r, gamma):
         self.P, self.r, self.gamma = np.asarray(P), np.asarray(r), gamma
         if self.r.ndim != 2 or self.P.shape != (*self.r.shape, self.r.shape[0]):
-            raise ValueError(f"P must be (S, A, S) and r (S, A), not {self.P.shape} and {self.r.shape}")
+            raise ValueError(
+                f"P must be (S, A, S) and r (S, A), not {self.P.shape} and {self.r.shape}"
+            )
         if not 0 <= gamma < 1:
             raise ValueError(f"gamma must be in [0, 1), not {gamma}")
         if (self.P < 0).any() or not np.allclose(self.P.sum(-1).astype(float), 1):
@@ -39,7 +41,8 @@ class MDP:
         return (mu * self.residual(Q) ** 2).sum()
 
     def q_star(self, tolerance=1e-12):
-        """Q*, by value iteration until ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, hence ‖Q − Q*‖∞ ≤ tolerance.
+        """Q*, by value iteration until ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, hence ‖Q − Q*‖∞ ≤
+        tolerance.
 
         It also ends where rounding keeps the residual from falling any further.
         """

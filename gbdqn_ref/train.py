@@ -27,18 +27,24 @@ AGENTS = {
 
 
 def make_agent(config):
-    """A new agent for the environment of the config, with its own generator, seeded by config.seed."""
+    """A new agent for the environment of the config, with its own generator, seeded by
+    config.seed.
+    """
     env = drift.make(config.env)
     return AGENTS[config.agent](
-        env.observation_space.shape[0], int(env.action_space.n), config, np.random.default_rng(config.seed)
+        env.observation_space.shape[0],
+        int(env.action_space.n),
+        config,
+        np.random.default_rng(config.seed),
     )
 
 
 def run(config, agent=None, first_episode=0):
     """Train, and yield one record per episode: a dict of what the episode was and came to.
 
-    Hand in an agent to keep hold of it; with one that has seen first_episode episodes, the run goes on from there
-    exactly as if it had not been interrupted. The last record of a regime has an evaluation in every regime.
+    Hand in an agent to keep hold of it; with one that has seen first_episode episodes, the run goes
+    on from there exactly as if it had not been interrupted. The last record of a regime has an
+    evaluation in every regime.
 
     >>> config = Config(env="cartpole", episodes=2, learning_starts=10)
     >>> [(record["episode"], record["return"]) for record in run(config)]
@@ -68,26 +74,35 @@ def run(config, agent=None, first_episode=0):
             "steps": agent.steps,
             "epsilon": agent.epsilon,
             "td_error": float(np.abs(deltas).mean()) if deltas else float("nan"),
-            "evaluation": evaluate_regimes(agent, config) if episode + 1 in {*starts, config.episodes} else [],
+            "evaluation": (
+                evaluate_regimes(agent, config) if episode + 1 in {*starts, config.episodes} else []
+            ),
         }
     agent.on_drift("end")
 
 
 def episode_seed(seed, episode):
-    """The seed of an episode's reset: independent of the agent, so that agents with one seed meet the same starts."""
+    """The seed of an episode's reset: independent of the agent, so that agents with one seed meet
+    the same starts.
+    """
     return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0])
 
 
 def evaluate_regimes(agent, config, episodes=5):
-    """Mean return of the greedy policy in each regime of the run, without learning: what is known of each by now."""
+    """Mean return of the greedy policy in each regime of the run, without learning: what is known
+    of each by now.
+    """
     regimes = drift.check_schedule(config.env, config.schedule)
-    schedules = [[{"episode": 0, **factors}] for start, factors, _ in regimes if start < config.episodes]
+    schedules = [
+        [{"episode": 0, **factors}] for start, factors, _ in regimes if start < config.episodes
+    ]
     envs = [drift.make(config.env, schedule) for schedule in schedules]
     return [float(evaluate(agent, env, episodes, config.seed).mean()) for env in envs]
 
 
 def evaluate(agent, env, episodes, seed):
-    """Returns (episodes,) of the greedy policy, without learning, in the regime of the environment's episode 0.
+    """Returns (episodes,) of the greedy policy, without learning, in the regime of the
+    environment's episode 0.
 
     Start a later regime by giving `env` a schedule that begins with it at episode 0.
     """

@@ -1,4 +1,6 @@
-"""Looking at a trained agent: its greedy episodes before and after a drift, and what a booster changed on a plane."""
+"""Looking at a trained agent: its greedy episodes before and after a drift, and what a booster
+changed on a plane.
+"""
 
 import os
 import sys
@@ -12,13 +14,17 @@ from .checkpoint import write_atomically
 from .train import episode_seed
 
 WIDTH, CAPTION, FRAMES = 320, 40, 150  # pixels, pixels, the most that a film has
-FONT = ImageFont.truetype(findfont("DejaVu Sans"), 13)  # Matplotlib brings it, and Pillow's own has no ×
+FONT = ImageFont.truetype(
+    findfont("DejaVu Sans"), 13
+)  # Matplotlib brings it, and Pillow's own has no ×
 
 
 def film(out, path, regime=1, seed=0):
-    """One greedy episode of the run in `out` in the physics before this drift and one in those after it, as a GIF.
+    """One greedy episode of the run in `out` in the physics before this drift and one in those
+    after it, as a GIF.
 
-    Side by side, from the same start, without learning, as the agent is at the end of its run. Returns the two returns.
+    Side by side, from the same start, without learning, as the agent is at the end of its run.
+    Returns the two returns.
     """
     config = runs.read_config(out)
     schedule = drift.check_schedule(config.env, config.schedule)
@@ -27,7 +33,9 @@ def film(out, path, regime=1, seed=0):
         had = f"it has 1 to {len(regimes) - 1}" if len(regimes) > 1 else "its physics never change"
         raise UsageError(f"there is no drift {regime} in the run in {out}; {had}")
     shown = {"before": regimes[regime - 1], "after": regimes[regime]}
-    envs = [_drawn(config.env, factors) for factors in shown.values()]  # first: MuJoCo is told once where to draw
+    envs = [
+        _drawn(config.env, factors) for factors in shown.values()
+    ]  # first: MuJoCo is told once where to draw
     _, agent = runs.read_agent(out)
     films = [
         (f"{when}: {drift.describe(factors)}", *_episode(agent, env, episode_seed(seed, 0)))
@@ -45,7 +53,9 @@ def film(out, path, regime=1, seed=0):
 
 
 def _drawn(name, factors):
-    """The environment with these physics, drawing in memory: without being told, pygame and MuJoCo want a screen."""
+    """The environment with these physics, drawing in memory: without being told, pygame and MuJoCo
+    want a screen.
+    """
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     if sys.platform == "linux":
         os.environ.setdefault("MUJOCO_GL", "egl")
@@ -55,8 +65,9 @@ def _drawn(name, factors):
         env.render()
     except Exception as e:  # each platform and each driver fails in its own way
         raise UsageError(
-            f"cannot draw without a screen here ({type(e).__name__}); MuJoCo needs EGL or OSMesa (Debian: libegl1 "
-            "or libosmesa6, then MUJOCO_GL=egl or osmesa), the other environments pygame"
+            f"cannot draw without a screen here ({type(e).__name__}); MuJoCo needs EGL or OSMesa"
+            " (Debian: libegl1 or libosmesa6, then MUJOCO_GL=egl or osmesa), the other"
+            " environments pygame"
         ) from e
     return env
 
@@ -80,7 +91,9 @@ def _picture(env):
 
 
 def _side_by_side(films, step):
-    """One frame: what each film shows at this step, or at its end, below its title and the return so far."""
+    """One frame: what each film shows at this step, or at its end, below its title and the return
+    so far.
+    """
     frame = Image.new("RGB", (WIDTH * len(films), films[0][1][0].height + CAPTION), "white")
     for k, (title, pictures, returns) in enumerate(films):
         at = min(step, len(pictures) - 1)
@@ -91,16 +104,22 @@ def _side_by_side(films, step):
 
 
 def plane(n=61):
-    """MountainCar's states as a grid (n, n, 2): velocity grows along the first axis, position along the second."""
+    """MountainCar's states as a grid (n, n, 2): velocity grows along the first axis, position along
+    the second.
+    """
     position, velocity = np.meshgrid(np.linspace(-1.2, 0.6, n), np.linspace(-0.07, 0.07, n))
     return np.stack([position, velocity], axis=-1).astype(np.float32)
 
 
 def maps(out, path, booster=None):
-    """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane, with the greedy actions; by default of the last booster m."""
+    """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane, with the greedy actions; by default of the
+    last booster m.
+    """
     config, agent = runs.read_agent(out)
     if config.env != "mountaincar" or not hasattr(agent, "staged_q"):
-        raise UsageError(f"maps are of GB-DQN on MountainCar, whose state is a plane; {out} has another run")
+        raise UsageError(
+            f"maps are of GB-DQN on MountainCar, whose state is a plane; {out} has another run"
+        )
     stages = agent.staged_q(plane())
     m = len(stages) if booster is None else booster
     if not 2 <= m <= len(stages):

@@ -32,7 +32,11 @@ from gbdqn_ref.train import make_agent, run
 # %%
 DRIFT = 30 if FAST else 300  # in tests the runs are short, and the pictures not worth looking at
 config = Config.preset(
-    "mountaincar", "fast", episodes=3 * DRIFT // 2, schedule=[{"episode": DRIFT, "gravity": 1.5}], seed=0
+    "mountaincar",
+    "fast",
+    episodes=3 * DRIFT // 2,
+    schedule=[{"episode": DRIFT, "gravity": 1.5}],
+    seed=0,
 )
 agent = make_agent(config)
 records = list(run(config, agent))
@@ -41,7 +45,11 @@ returns = np.array([record["return"] for record in records])
 plt.plot(returns, ".", color=BLUE, alpha=0.3, markersize=4)
 plt.plot(np.arange(14, len(returns)), trailing_mean(returns, 15), color=BLUE)
 plt.axvline(DRIFT, color="0.25", linestyle="--")
-plt.gca().set(xlabel="episode", ylabel="return", title="One run of GB-DQN; at the dashed line gravity grows by half")
+plt.gca().set(
+    xlabel="episode",
+    ylabel="return",
+    title="One run of GB-DQN; at the dashed line gravity grows by half",
+)
 plt.show()
 
 # %% [markdown]
@@ -87,11 +95,22 @@ def first(x):
 
 
 figure, axes = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(9, 3.2))
-rides = (("$Q_1$, old world", first, 1.0), ("$Q_1$, new world", first, 1.5), ("$Q_2$, new world", agent.q, 1.5))
+rides = (
+    ("$Q_1$, old world", first, 1.0),
+    ("$Q_1$, new world", first, 1.5),
+    ("$Q_2$, new world", agent.q, 1.5),
+)
 for panel, (title, q, gravity) in zip(axes, rides, strict=True):
     paths = sorted((drive(q, gravity, seed) for seed in range(3 if FAST else 21)), key=len)
     position, velocity = paths[len(paths) // 2].T
-    panel.plot(position, velocity, ".-", color=BLUE if gravity == 1 else VERMILLION, markersize=3, linewidth=0.8)
+    panel.plot(
+        position,
+        velocity,
+        ".-",
+        color=BLUE if gravity == 1 else VERMILLION,
+        markersize=3,
+        linewidth=0.8,
+    )
     panel.axvline(0.5, color="0.5", linestyle=":")
     arrived = sum(path[-1, 0] >= 0.5 for path in paths)
     panel.set_title(

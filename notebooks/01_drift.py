@@ -53,13 +53,19 @@ assert np.allclose(mdp.residual(mdp.q_star()), 0, atol=1e-9)
 
 # %%
 for gamma, colour, line in ((0.9, BLUE, "-"), (0.99, VERMILLION, "--")):
-    loop = MDP(np.ones((1, 1, 1)), np.ones((1, 1)), gamma)  # one state, reward 1 for ever: Q* = 1 / (1 − γ)
+    loop = MDP(
+        np.ones((1, 1, 1)), np.ones((1, 1)), gamma
+    )  # one state, reward 1 for ever: Q* = 1 / (1 − γ)
     Q, errors = np.zeros((1, 1)), []
     for _ in range(300):
         errors.append((loop.q_star() - Q).max() * (1 - gamma))
         Q = loop.bellman(Q)
     plt.plot(errors, line, color=colour, label=f"γ = {gamma}")
-plt.gca().set(xlabel="backups", ylabel="error, as part of Q*", title="How many backups a change of reward takes")
+plt.gca().set(
+    xlabel="backups",
+    ylabel="error, as part of Q*",
+    title="How many backups a change of reward takes",
+)
 plt.legend()
 plt.show()
 assert np.isclose(errors[69], 0.5, atol=0.01)
@@ -86,7 +92,9 @@ print("residual", new.residual(old.q_star())[0])
 # > and one action, that leaves none. (The episode may end.)
 
 # %%
-loops_for_ever = MDP(np.array([[[1.0, 0.0]], [[0.0, 1.0]]]), np.array([[1.0], [0.0]]), 0.5)  # state 1 is the end
+loops_for_ever = MDP(
+    np.array([[[1.0, 0.0]], [[0.0, 1.0]]]), np.array([[1.0], [0.0]]), 0.5
+)  # state 1 is the end
 ends_at_once = MDP(np.array([[[0.0, 1.0]], [[0.0, 1.0]]]), np.array([[2.0], [0.0]]), 0.5)
 unnoticed = ends_at_once.residual(loops_for_ever.q_star())[0, 0]
 print("Q* of r = 1 for ever:     ", loops_for_ever.q_star()[0, 0].round(6))
@@ -121,7 +129,9 @@ plt.plot(moved, seen, ".", color=BLUE, alpha=0.5)
 reach = np.array([0, moved.max()])
 plt.plot(reach, 0.1 * reach, "--", color=VERMILLION, label="(1 − γ) ‖ΔQ*‖")
 plt.plot(reach, 1.9 * reach, "-.", color=GREEN, label="(1 + γ) ‖ΔQ*‖")
-plt.gca().set(xlabel="how far Q* moved, ‖ΔQ*‖", ylabel="largest residual", ylim=(0, 1.1 * seen.max()))
+plt.gca().set(
+    xlabel="how far Q* moved, ‖ΔQ*‖", ylabel="largest residual", ylim=(0, 1.1 * seen.max())
+)
 plt.title("Each dot a drift, γ = 0.9: the residual tells how far Q* moved, within a factor")
 plt.legend()
 plt.show()
@@ -135,7 +145,9 @@ assert (seen >= 0.1 * moved - 1e-9).all() and (seen <= 1.9 * moved + 1e-9).all()
 before = world(0.9)
 after = MDP(before.P, before.r + 1, 0.9)
 change = np.abs(after.q_star() - before.q_star()).max()
-assert np.isclose(change, 10) and np.isclose(np.abs(after.residual(before.q_star())).max(), (1 - 0.9) * change)
+assert np.isclose(change, 10) and np.isclose(
+    np.abs(after.residual(before.q_star())).max(), (1 - 0.9) * change
+)
 
 # %% [markdown]
 # ## Value and policy are two things
@@ -155,7 +167,9 @@ def corridor(goal):
 
 
 right, left = corridor(9), corridor(0)
-shifted = MDP(right.P, right.r - 1 * (np.arange(10)[:, None] != 9), 0.9)  # every step costs twice as much
+shifted = MDP(
+    right.P, right.r - 1 * (np.arange(10)[:, None] != 9), 0.9
+)  # every step costs twice as much
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), sharey=True)
 for panel, changed, title in (
     (axes[0], shifted, "every step costs 2: all values, no action"),
@@ -178,7 +192,10 @@ plt.show()
 # %% tags=["solution"] jupyter={"source_hidden": true}
 residual = left.residual(right.q_star())
 rooms = np.flatnonzero(np.abs(residual).max(1) > 1e-9)
-assert list(rooms) == [0, 9]  # a residual looks one step ahead: only at the two goals is anything different
+assert list(rooms) == [
+    0,
+    9,
+]  # a residual looks one step ahead: only at the two goals is anything different
 rooms
 
 # %% [markdown]
@@ -224,14 +241,27 @@ def balance(schedule, episodes=5 if FAST else 20):
         steps, ends = 0, False
         while not ends:
             position, speed, angle, turn = s
-            s, _, terminated, truncated, _ = env.step(int(angle + 0.5 * turn + 0.02 * position + 0.05 * speed > 0))
+            s, _, terminated, truncated, _ = env.step(
+                int(angle + 0.5 * turn + 0.02 * position + 0.05 * speed > 0)
+            )
             steps, ends = steps + 1, terminated or truncated
         lengths.append(steps)
     return np.mean(lengths)
 
 
-changes = [{}, {"length": 2.0}, {"length": 0.1}, {"gravity": 3.0}, {"gravity": 10.0}, {"force": 0.1}, {"force": -1.0}]
-names = [" ".join(f"{name} × {factor:g}" for name, factor in change.items()) or "stock" for change in changes]
+changes = [
+    {},
+    {"length": 2.0},
+    {"length": 0.1},
+    {"gravity": 3.0},
+    {"gravity": 10.0},
+    {"force": 0.1},
+    {"force": -1.0},
+]
+names = [
+    " ".join(f"{name} × {factor:g}" for name, factor in change.items()) or "stock"
+    for change in changes
+]
 kept = [balance([{"episode": 0} | change] if change else []) for change in changes]
 bars = plt.barh(names, kept, color=[BLUE if steps > 450 else VERMILLION for steps in kept])
 plt.bar_label(bars, [f"{steps:.0f}" for steps in kept], padding=3)
@@ -277,10 +307,16 @@ levels = [(value - 20) / (100 - 20) for value in returns[40:]]
 drop = 1 - sum(levels[:20]) / 20
 recovered = next(k for k in range(10, 41) if sum(levels[k - 10 : k]) / 10 >= 0.9)
 
-assert np.isclose(drop, row["drop"]) and recovered == row["recovery"] and np.isclose(np.mean(levels), row["area"])
+assert (
+    np.isclose(drop, row["drop"])
+    and recovered == row["recovery"]
+    and np.isclose(np.mean(levels), row["area"])
+)
 plt.plot(returns, ".-", color=BLUE)
 plt.axvline(40, color="0.3", linestyle="--")
-plt.axvline(40 + recovered, color=GREEN, linestyle=":", label=f"recovered after {recovered} episodes")
+plt.axvline(
+    40 + recovered, color=GREEN, linestyle=":", label=f"recovered after {recovered} episodes"
+)
 plt.gca().set(xlabel="episode", ylabel="return", title=f"drop {drop:.0%}, area {row['area']:.2f}")
 plt.legend()
 plt.show()
@@ -295,7 +331,11 @@ row = stats.regime_table(never, random_return=20.0)[1]
 assert (row["drop"], row["recovery"], row["area"]) == (1.0, None, 0.0)
 nothing = [record | {"return": 20.0} for record in records]
 row = stats.regime_table(nothing, random_return=20.0)[1]
-assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)  # there was nothing to lose
+assert (row["drop"], row["recovery"], row["area"]) == (
+    None,
+    None,
+    None,
+)  # there was nothing to lose
 
 # %% [markdown]
 # ## What to take along

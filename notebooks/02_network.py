@@ -65,7 +65,11 @@ for seed, colour, style in ((0, BLUE, "-"), (1, VERMILLION, "--"), (2, GREEN, "-
     bends = bends[np.abs(bends) < 2][:, None]
     plt.plot(grid, line.forward(random_theta, grid)[0], style, color=colour, label=f"seed {seed}")
     plt.plot(bends, line.forward(random_theta, bends)[0], "o", color=colour, markersize=5)
-plt.gca().set(xlabel="x", ylabel="q", title="Three random networks of 8 hidden units; dots: where a unit changes sign")
+plt.gca().set(
+    xlabel="x",
+    ylabel="q",
+    title="Three random networks of 8 hidden units; dots: where a unit changes sign",
+)
 plt.legend()
 plt.show()
 
@@ -99,7 +103,9 @@ grad = net.backward(theta, cache, dq[None])
 (d_w1, d_b1), (d_w2, d_b2) = net.unpack(grad)
 
 for j in range(3):
-    dz = sum(dq[k] * W2[j, k] for k in range(2)) * (hidden[j] > 0)  # what unit j's input does to the loss
+    dz = sum(dq[k] * W2[j, k] for k in range(2)) * (
+        hidden[j] > 0
+    )  # what unit j's input does to the loss
     assert np.isclose(d_b1[j], dz) and np.allclose(d_w1[:, j], x * dz)
     assert np.allclose(d_w2[j], hidden[j] * dq)
 assert np.allclose(d_b2, dq)
@@ -130,8 +136,13 @@ def worst_error(theta, x, dq, step):
 
 steps = 10.0 ** -np.arange(1, 13)
 for dtype, colour, mark in ((np.float64, BLUE, "o-"), (np.float32, VERMILLION, "s--")):
-    with np.errstate(divide="ignore", invalid="ignore"):  # in float32 a tiny step may not move θ at all
-        errors = [worst_error(theta.astype(dtype), x[None].astype(dtype), dq.astype(dtype)[None], s) for s in steps]
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # in float32 a tiny step may not move θ at all
+        errors = [
+            worst_error(theta.astype(dtype), x[None].astype(dtype), dq.astype(dtype)[None], s)
+            for s in steps
+        ]
     plt.loglog(steps, errors, mark, color=colour, label=dtype.__name__)
 plt.gca().invert_xaxis()
 plt.gca().set(xlabel="step ε, smaller to the right", ylabel="backprop against measurement")
@@ -165,7 +176,9 @@ print(
 # find it out.
 
 # %% tags=["solution"] jupyter={"source_hidden": true}
-wrong = [sum(dq[k] * W2[j, k] for k in range(2)) for j in range(3)]  # of the biases of the first layer
+wrong = [
+    sum(dq[k] * W2[j, k] for k in range(2)) for j in range(3)
+]  # of the biases of the first layer
 measured = []
 for j in range(3):
     up = theta.copy()
@@ -189,18 +202,26 @@ starts = {
     "last layer 0": fits.init(np.random.default_rng(0), zero_output=True),
     "all 0": np.zeros(fits.size, np.float32),
 }
-for (name, start), colour, style in zip(starts.items(), (BLUE, VERMILLION), ("-", "--"), strict=True):
+for (name, start), colour, style in zip(
+    starts.items(), (BLUE, VERMILLION), ("-", "--"), strict=True
+):
     assert (fits.forward(start, x_all)[0] == 0).all()
     adam = Adam(fits.size, lr=0.01)
     for _ in range(500):
         out, cache = fits.forward(start, x_all)
         adam.step(start, fits.backward(start, cache, (out - wanted) / len(x_all)))
-    plt.plot(x_all, fits.forward(start, x_all)[0], style, color=colour, label=f"{name}, after 500 steps")
+    plt.plot(
+        x_all, fits.forward(start, x_all)[0], style, color=colour, label=f"{name}, after 500 steps"
+    )
 plt.plot(x_all, wanted, ":", color=BLACK, label="what it should learn")
-plt.gca().set(xlabel="x", ylabel="q", title="Both start as the zero function; one of them can leave it")
+plt.gca().set(
+    xlabel="x", ylabel="q", title="Both start as the zero function; one of them can leave it"
+)
 plt.legend()
 plt.show()
-assert np.ptp(fits.forward(starts["all 0"], x_all)[0]) == 0  # a constant: only the last bias ever had a gradient
+assert (
+    np.ptp(fits.forward(starts["all 0"], x_all)[0]) == 0
+)  # a constant: only the last bias ever had a gradient
 
 # %% [markdown]
 # ## Adam · How far to step
@@ -246,7 +267,10 @@ scales = np.array([1.0, 50.0])
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.4), sharey=True)
 for panel, factor in zip(axes, (1, 1000), strict=True):
     descent, adaptive = np.array([-2.0, 0.6]), np.array([-2.0, 0.6])
-    paths, adam = {"gradient descent, lr 0.03": [descent.copy()], "Adam, lr 0.03": [adaptive.copy()]}, Adam(2, lr=0.03)
+    paths, adam = (
+        {"gradient descent, lr 0.03": [descent.copy()], "Adam, lr 0.03": [adaptive.copy()]},
+        Adam(2, lr=0.03),
+    )
     for _ in range(150):
         if np.abs(descent).max() < 100:
             descent = descent - 0.03 * factor * scales * descent
@@ -320,10 +344,18 @@ assert np.isclose(averaged[0], sum(0.1 * 0.9**k * history[29 - k] for k in range
 updates = np.arange(1200)
 for tau, colour, style in ((0.05, GREEN, "-."), (0.005, BLUE, "-"), (0.001, VERMILLION, "--")):
     plt.plot(
-        updates, 1 - (1 - tau) ** updates, style, color=colour, label=f"τ = {tau}: half after {np.log(2) / tau:.0f}"
+        updates,
+        1 - (1 - tau) ** updates,
+        style,
+        color=colour,
+        label=f"τ = {tau}: half after {np.log(2) / tau:.0f}",
     )
 plt.axhline(0.5, color="0.6", linewidth=0.8)
-plt.gca().set(xlabel="updates after θ has jumped from 0 to 1", ylabel="θ̄", title="How the target network follows")
+plt.gca().set(
+    xlabel="updates after θ has jumped from 0 to 1",
+    ylabel="θ̄",
+    title="How the target network follows",
+)
 plt.legend()
 plt.show()
 
@@ -376,7 +408,10 @@ for update in range(601):
     losses.append(weighted_loss(error, ones))
     if update in shown:
         left.plot(x, q, color=shown[update], label=f"after {update} updates")
-    adam.step(theta, clip_by_norm(curve.backward(theta, cache, loss_gradient(error, ones, always, 1)), 10.0))
+    adam.step(
+        theta,
+        clip_by_norm(curve.backward(theta, cache, loss_gradient(error, ones, always, 1)), 10.0),
+    )
 left.plot(x, y, ":", color=BLACK, label="wanted")
 left.set(xlabel="x", ylabel="q", ylim=(-2.6, 2.2))
 left.legend(fontsize=8)

@@ -119,10 +119,17 @@ assert np.allclose(dq, bellman.loss_gradient(error, weight, a, 3))
 column = weight[:, None]
 wrong = 0.5 * np.mean(column * error**2)
 print("shape of column * error²:", (column * error**2).shape)
-print("the loss:", round(wrong, 4), " mean weight × mean loss:", round(weight.mean() * 0.5 * np.mean(error**2), 4))
+print(
+    "the loss:",
+    round(wrong, 4),
+    " mean weight × mean loss:",
+    round(weight.mean() * 0.5 * np.mean(error**2), 4),
+)
 assert np.isclose(wrong, weight.mean() * 0.5 * np.mean(error**2))
 permuted = weight[[3, 2, 1, 0]]
-assert np.isclose(0.5 * np.mean(permuted[:, None] * error**2), wrong)  # whose weight is whose no longer matters
+assert np.isclose(
+    0.5 * np.mean(permuted[:, None] * error**2), wrong
+)  # whose weight is whose no longer matters
 assert not np.isclose(bellman.weighted_loss(error, permuted), bellman.weighted_loss(error, weight))
 
 # %% [markdown]
@@ -166,7 +173,9 @@ gaps = np.linspace(0, 3, 200)
 for temperature, colour, line in ((0.1, BLUE, "-"), (1.0, VERMILLION, "--"), (10.0, GREEN, "-.")):
     better = [bellman.softmax_policy(np.array([0.0, gap]), temperature)[1] for gap in gaps]
     plt.plot(gaps, better, line, color=colour, label=f"softmax, τ = {temperature:g}")
-plt.plot(gaps, np.where(gaps > 0, 0.95, 0.5), ":", color=ORANGE, linewidth=2.5, label="ε-greedy, ε = 0.1")
+plt.plot(
+    gaps, np.where(gaps > 0, 0.95, 0.5), ":", color=ORANGE, linewidth=2.5, label="ε-greedy, ε = 0.1"
+)
 plt.gca().set(
     xlabel="Q of the better action minus Q of the other",
     ylabel="probability of the better action",
@@ -219,7 +228,11 @@ for _ in range(2000):
     errors.append(np.abs(agent.q(one_hot) - mdp.q_star()).max())
 
 plt.semilogy(errors, color=BLUE)
-plt.gca().set(xlabel="update", ylabel="largest error, log scale", title="DQN on a table: it finds the exact Q*")
+plt.gca().set(
+    xlabel="update",
+    ylabel="largest error, log scale",
+    title="DQN on a table: it finds the exact Q*",
+)
 plt.show()
 assert errors[-1] < 0.01
 print("DQN:\n", agent.q(one_hot).round(3), "\nvalue iteration:\n", mdp.q_star().round(3))
@@ -255,7 +268,9 @@ returns = np.array([episode["return"] for episode in run(config)])
 plt.plot(returns, ".", color=BLUE, alpha=0.4, markersize=4)
 plt.plot(np.arange(9, len(returns)), trailing_mean(returns, 10), color=BLUE)
 plt.gca().set(
-    xlabel="episode", ylabel="return (500 is the most)", title="One run of DQN on CartPole, without any drift"
+    xlabel="episode",
+    ylabel="return (500 is the most)",
+    title="One run of DQN on CartPole, without any drift",
 )
 plt.show()
 

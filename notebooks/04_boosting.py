@@ -163,7 +163,9 @@ def fit(net, theta, x, wanted, steps=1500):
     adam, zeros, ones = Adam(net.size, 1e-2), np.zeros(len(x), int), np.ones(len(x), np.float32)
     for _ in range(steps):
         h, cache = net.forward(theta, x)
-        adam.step(theta, net.backward(theta, cache, loss_gradient(wanted - h[:, 0], ones, zeros, 1)))
+        adam.step(
+            theta, net.backward(theta, cache, loss_gradient(wanted - h[:, 0], ones, zeros, 1))
+        )
     return theta
 
 
@@ -171,7 +173,9 @@ curve = MLP((1, 64, 1))
 staged = Ensemble(curve)
 staged.add(fit(curve, curve.init(rng), x1, old), 1.0)  # h_1 learns the old world, and is frozen
 left_behind = new - staged.q(x1)[:, 0]  # the residual after the drift
-staged.add(fit(curve, curve.init(rng, zero_output=True), x1, left_behind), 1.0)  # h_2 learns the residual alone
+staged.add(
+    fit(curve, curve.init(rng, zero_output=True), x1, left_behind), 1.0
+)  # h_2 learns the residual alone
 
 figure, axes = plt.subplots(1, 3, sharey=True, figsize=(9, 3.2))
 axes[0].plot(x1, old, color="0.6", linewidth=5, alpha=0.5, label="old world")
@@ -199,7 +203,9 @@ plt.show()
 # %%
 moved = np.abs(staged.terms(x1)[1][:, 0])
 print(f"on the right, x > 0.2: at most {moved[x1[:, 0] > 0.2].max():.1f}")
-print(f"on the left:          at most {moved[x1[:, 0] <= 0.2].max():.3f}, and not 0: {bool(moved[0] > 0)}")
+print(
+    f"on the left:          at most {moved[x1[:, 0] <= 0.2].max():.3f}, and not 0: {bool(moved[0] > 0)}"
+)
 
 # %% [markdown]
 # Nearly only on the right, here, because the left was in the data too, with a residual of about 0. Nothing in the
@@ -210,7 +216,9 @@ print(f"on the left:          at most {moved[x1[:, 0] <= 0.2].max():.3f}, and no
 
 # %% tags=["solution"] jupyter={"source_hidden": true}
 right = x1[:, 0] > 0.2
-half = fit(curve, curve.init(np.random.default_rng(1), zero_output=True), x1[right], left_behind[right])
+half = fit(
+    curve, curve.init(np.random.default_rng(1), zero_output=True), x1[right], left_behind[right]
+)
 elsewhere = np.abs(curve.forward(half, x1)[0][~right, 0]).max()
 assert elsewhere > 3 * moved[~right].max()  # several times as far: nothing held it
 round(float(elsewhere), 2)
@@ -243,7 +251,9 @@ for i in range(4):
     inside += (np.sqrt(w[i]) * r[i] - alpha * np.sqrt(w[i]) * h[i]) ** 2
 
 assert np.isclose(outside, inside)
-assert np.isclose(outside, 2 * 4 * weighted_loss(r - alpha * h, w))  # the code's loss: ½, and a mean over B = 4
+assert np.isclose(
+    outside, 2 * 4 * weighted_loss(r - alpha * h, w)
+)  # the code's loss: ½, and a mean over B = 4
 
 # %% [markdown]
 # From this the paper concludes that one may use $r$ in the place of $w\,r$. That does not follow (claim M9). The smallest
@@ -270,10 +280,16 @@ assert len(set(readings.values())) == 4
 
 # %% tags=["solution"] jupyter={"source_hidden": true}
 many = 9 * w
-assert np.isclose(closed_form_alpha(r, one, many), readings["fitted to r, with weights w"])  # stays, as does the first
+assert np.isclose(
+    closed_form_alpha(r, one, many), readings["fitted to r, with weights w"]
+)  # stays, as does the first
 assert np.isclose(closed_form_alpha(many * r, one), 9 * readings["fitted to w r"])
-uneven = np.array([0.25, 4.0])  # √w r is 0 on average for the w above; with these weights it is −1/2
-assert np.isclose(closed_form_alpha(np.sqrt(9 * uneven) * r, one), 3 * closed_form_alpha(np.sqrt(uneven) * r, one))
+uneven = np.array(
+    [0.25, 4.0]
+)  # √w r is 0 on average for the w above; with these weights it is −1/2
+assert np.isclose(
+    closed_form_alpha(np.sqrt(9 * uneven) * r, one), 3 * closed_form_alpha(np.sqrt(uneven) * r, one)
+)
 
 # %% [markdown]
 # There is a fifth choice hidden in Eq. 5. With $\alpha_m$ *inside* the square, a learner that can represent anything
@@ -331,8 +347,14 @@ def parabola(chosen):
         (0.1 * A / B, ORANGE, "s", "0.1 · A/B (shrunk)"),
         (chosen, VERMILLION, "^", f"α = {chosen:.2f}"),
     ):
-        axes.plot(each, ((residual - each * h) ** 2).sum(), mark, color=colour, markersize=9, label=name)
-    axes.set(xlabel="α", ylabel="Σ (r − α h)²", title="The loss is a parabola in α; dotted: without the booster")
+        axes.plot(
+            each, ((residual - each * h) ** 2).sum(), mark, color=colour, markersize=9, label=name
+        )
+    axes.set(
+        xlabel="α",
+        ylabel="Σ (r − α h)²",
+        title="The loss is a parabola in α; dotted: without the booster",
+    )
     axes.legend()
     plt.show()
 
@@ -347,7 +369,9 @@ assert np.isclose(((residual - 0.1 * A / B * h) ** 2).sum(), before - 0.19 * A**
 # %% tags=["slider"]
 from ipywidgets import FloatSlider, interact
 
-_ = interact(parabola, chosen=FloatSlider(value=2 * A / B, min=-0.4, max=1.6, step=0.05, description="α"))
+_ = interact(
+    parabola, chosen=FloatSlider(value=2 * A / B, min=-0.4, max=1.6, step=0.05, description="α")
+)
 
 # %% [markdown]
 # > **Predict, then run.** Can α be negative? The paper says that all $\alpha_i$ are positive.
@@ -365,7 +389,9 @@ r, w = np.array([2.0, -1.0]), np.array([0.25, 1.0])
 h = np.full(2, closed_form_alpha(r, np.ones(2), w))
 unweighted, weighted = closed_form_alpha(r, h), closed_form_alpha(r, h, w)
 for name, alpha in (("no booster", 0.0), ("α of Eq. 8", unweighted), ("weighted α", weighted)):
-    print(f"{name:12} α = {alpha:+.2f}   weighted loss Σ w (r − αh)² = {(w * (r - alpha * h) ** 2).sum():.4f}")
+    print(
+        f"{name:12} α = {alpha:+.2f}   weighted loss Σ w (r − αh)² = {(w * (r - alpha * h) ** 2).sum():.4f}"
+    )
 assert np.isclose(unweighted, -5 / 4) and np.isclose((w * (r - unweighted * h) ** 2).sum(), 45 / 16)
 
 # %% [markdown]

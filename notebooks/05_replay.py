@@ -123,10 +123,23 @@ for row, level in enumerate(tree.levels):
     ends = level.cumsum()
     for number, end in zip(level, ends, strict=True):
         hit = end - number <= u < end
-        axes.barh(row, number, left=end - number, height=0.8, color=SKY if hit else "0.93", edgecolor="0.4")
-        axes.text(end - number / 2 + (0.4 if hit else 0), row, f"{number:g}", ha="center", va="center")
+        axes.barh(
+            row,
+            number,
+            left=end - number,
+            height=0.8,
+            color=SKY if hit else "0.93",
+            edgecolor="0.4",
+        )
+        axes.text(
+            end - number / 2 + (0.4 if hit else 0), row, f"{number:g}", ha="center", va="center"
+        )
 axes.axvline(u, color=VERMILLION, linestyle="--")
-axes.set(xlabel="all priorities, laid end to end (dashed: u = 14.5)", yticks=range(3), xlim=(0, tree.total()))
+axes.set(
+    xlabel="all priorities, laid end to end (dashed: u = 14.5)",
+    yticks=range(3),
+    xlim=(0, tree.total()),
+)
 axes.set_yticklabels(["leaves", "sums of 2", "sums of 4"])
 axes.set_title("From top to bottom: one box per level holds u, and the last one is what is drawn")
 plt.show()
@@ -254,19 +267,41 @@ assert np.allclose(p / p.sum(), replay.probabilities())
 share = replay.td_share()
 p_td = td_priority(delta, replay.priority_offset, replay.priority_exponent)
 p_time = time_priority(replay.age(np.arange(40)), 0.1)
-assert np.allclose(replay.probabilities(), share * p_td / p_td.sum() + (1 - share) * p_time / p_time.sum())
+assert np.allclose(
+    replay.probabilities(), share * p_td / p_td.sum() + (1 - share) * p_time / p_time.sum()
+)
 
 draws = 20_000 if FAST else 200_000
 counts = np.bincount(replay.sample(draws, rng).index, minlength=40)
 order = np.argsort(replay.age(np.arange(40)))
 
 _, axes = plt.subplots()
-axes.bar(np.arange(40), (share * p_td / p_td.sum())[order], color=ORANGE, label="exact: the part by error")
+axes.bar(
+    np.arange(40),
+    (share * p_td / p_td.sum())[order],
+    color=ORANGE,
+    label="exact: the part by error",
+)
 slope = (1 - share) * p_time / p_time.sum()
-axes.bar(np.arange(40), slope[order], bottom=(replay.probabilities() - slope)[order], color=SKY, label="by recency")
-axes.plot(np.arange(40), counts[order] / draws, "o", color="black", markersize=4, label=f"frequency in {draws:,} draws")
+axes.bar(
+    np.arange(40),
+    slope[order],
+    bottom=(replay.probabilities() - slope)[order],
+    color=SKY,
+    label="by recency",
+)
+axes.plot(
+    np.arange(40),
+    counts[order] / draws,
+    "o",
+    color="black",
+    markersize=4,
+    label=f"frequency in {draws:,} draws",
+)
 axes.set(xlabel="age (transitions)", ylabel="probability of being drawn")
-axes.set_title(f"Two layers, drawn as computed: λ = {share:.0%} by error, {1 - share:.0%} by recency")
+axes.set_title(
+    f"Two layers, drawn as computed: λ = {share:.0%} by error, {1 - share:.0%} by recency"
+)
 axes.legend()
 plt.show()
 expected = replay.probabilities() * draws
@@ -280,7 +315,9 @@ assert (np.abs(counts - expected) < 6 * np.sqrt(expected)).all()  # within six s
 p_td, p_time = td_priority(np.array([2.0, 1.0]), 0, 1), np.array([1.0, 0.5])
 for mix in (0.0, 0.25, 0.5, 1.0):
     P = mixed_priority(p_td, p_time, mix)
-    assert np.allclose(P / P.sum(), [2 / 3, 1 / 3])  # the same for every β, since both parts have the ratio 2 : 1
+    assert np.allclose(
+        P / P.sum(), [2 / 3, 1 / 3]
+    )  # the same for every β, since both parts have the ratio 2 : 1
 assert np.allclose(p_td * p_time / (p_td * p_time).sum(), [4 / 5, 1 / 5])  # claim T3-a; notebook 7
 
 # %% [markdown]
@@ -308,14 +345,28 @@ def knobs(settings, top=1.5):
         label = f"mix {mix:g}, rate {rate:g}: newest tenth has {P[:100].sum():.0%}"
         axes.plot(np.arange(1, 1_001), P, line, color=colour, label=label)
     axes.axhline(1e-3, color="0.6", linewidth=1, linestyle=":")
-    axes.set(xscale="log", yscale="log", xlabel="age + 1 (transitions)", ylabel="probability", ylim=(1e-5, top))
-    axes.set_title("Probability over age: error gives the floor, recency the hill (dotted: even draws)")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="age + 1 (transitions)",
+        ylabel="probability",
+        ylim=(1e-5, top),
+    )
+    axes.set_title(
+        "Probability over age: error gives the floor, recency the hill (dotted: even draws)"
+    )
     axes.legend()
     plt.show()
 
 
 knobs(
-    [(0.3, 0.001, BLUE, "-"), (0.3, 0.01, VERMILLION, "--"), (0.3, 1.0, GREEN, "-."), (0.0, 0.01, PURPLE, ":")], top=0.2
+    [
+        (0.3, 0.001, BLUE, "-"),
+        (0.3, 0.01, VERMILLION, "--"),
+        (0.3, 1.0, GREEN, "-."),
+        (0.0, 0.01, PURPLE, ":"),
+    ],
+    top=0.2,
 )
 
 # %% tags=["slider"]
@@ -351,7 +402,12 @@ for n in range(1, sizes[-1] + 1):
 _, axes = plt.subplots()
 for name, (_, _, colour, line) in lines.items():
     axes.plot(sizes, recency_share[name], line, color=colour, label=name)
-axes.set(xscale="log", ylim=(0, 1), xlabel="transitions in the buffer, N", ylabel="share of the draws by recency")
+axes.set(
+    xscale="log",
+    ylim=(0, 1),
+    xlabel="transitions in the buffer, N",
+    ylabel="share of the draws by recency",
+)
 axes.set_title("With α = 0.01 recency fades as the buffer fills, whatever β (all |δ| alike)")
 axes.legend()
 plt.show()
@@ -405,7 +461,9 @@ def stale(Q, mix=0.5, rate=0.01):
 
 for Q in (0.0, 5.0, 10.0):
     delta = errors(drifted, Q)
-    print(f"Q = {Q:4.1f}: δ of the old {delta[0]:+.1f}, of the new {delta[-1]:+.1f}; old: {stale(Q):.1%} of the draws")
+    print(
+        f"Q = {Q:4.1f}: δ of the old {delta[0]:+.1f}, of the new {delta[-1]:+.1f}; old: {stale(Q):.1%} of the draws"
+    )
 assert np.isclose(stale(0.0), 0.363, atol=1e-3) and np.isclose(stale(10.0), 0.984, atol=1e-3)
 
 # %% [markdown]
@@ -416,7 +474,9 @@ assert np.isclose(stale(0.0), 0.363, atol=1e-3) and np.isclose(stale(10.0), 0.98
 undrifted = RecencyReplay(OLD, 1, mix=0.5, recency_rate=0.01)
 for _ in range(OLD):
     undrifted.add(0.0, 0, 0.0, 0.0, False)
-edges = np.unique(np.round(np.logspace(0, np.log10(OLD + NEW + 1), 25))).astype(int) - 1  # alike on a log axis
+edges = (
+    np.unique(np.round(np.logspace(0, np.log10(OLD + NEW + 1), 25))).astype(int) - 1
+)  # alike on a log axis
 
 figure, axes = plt.subplots(1, 3, figsize=(9.5, 3.4), sharey=True)
 for panel, title, held, Q in (
@@ -428,7 +488,10 @@ for panel, title, held, Q in (
     held.update_priorities(np.arange(len(held)), errors(held, Q))
     P, age = held.probabilities(), held.age(np.arange(len(held)))
     is_old, bottom = held.r[: len(held)] == 0, 0.0
-    for what, colour, hatch, part in (("old world", ORANGE, "///", is_old), ("new world", BLUE, "", ~is_old)):
+    for what, colour, hatch, part in (
+        ("old world", ORANGE, "///", is_old),
+        ("new world", BLUE, "", ~is_old),
+    ):
         mass, _ = np.histogram(age[part], edges, weights=P[part])
         look = dict(align="edge", color=colour, hatch=hatch, edgecolor="white", linewidth=0)
         panel.bar(edges[:-1] + 1, mass, np.diff(edges), bottom=bottom, label=what, **look)
@@ -456,7 +519,11 @@ for (mix, rate), colour, line, name in (
     axes.plot(path, [stale(Q, mix, rate) for Q in path], line, color=colour, label=name)
 axes.axhline(OLD / (OLD + NEW), color="0.6", linewidth=1)
 axes.text(0, OLD / (OLD + NEW) - 0.055, "even draws", color="0.4")
-axes.set(ylim=(0, 1), xlabel="Q, on its way from Q*old = 0 to Q*new = 10", ylabel="part of the draws that are old")
+axes.set(
+    ylim=(0, 1),
+    xlabel="Q, on its way from Q*old = 0 to Q*new = 10",
+    ylabel="part of the draws that are old",
+)
 axes.set_title("The better it knows the new world, the more it is shown the old one")
 axes.legend(loc="lower right", fontsize=9)
 plt.show()
@@ -572,7 +639,9 @@ def expectation(f, exponent, normalise, size):
 
 
 for exponent in (0.0, 0.5, 1.0):
-    print(f"exponent {exponent}: {expectation(np.array([0.0, 1.0]), exponent, None, 1):.4f}, truth 0.5")
+    print(
+        f"exponent {exponent}: {expectation(np.array([0.0, 1.0]), exponent, None, 1):.4f}, truth 0.5"
+    )
 for size in (1, 3):
     assert np.isclose(expectation(np.array([0.0, 1.0]), 1.0, None, size), 0.5)
 
@@ -586,7 +655,8 @@ for size in (1, 3):
 # %%
 batch_sizes = range(1, 9 if FAST else 11)
 ratio = [
-    expectation(np.array([1.0, 0.0]), 1.0, "batch", size) / expectation(np.array([0.0, 1.0]), 1.0, "batch", size)
+    expectation(np.array([1.0, 0.0]), 1.0, "batch", size)
+    / expectation(np.array([0.0, 1.0]), 1.0, "batch", size)
     for size in batch_sizes
 ]
 recent = time_priority(np.arange(1_000)[::-1], 0.01)

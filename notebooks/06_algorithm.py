@@ -43,11 +43,21 @@ LINES = (
     ("6", "for each step of it", run, "while not ends:"),
     ("7", "choose by the softmax of Q_{m−1} (D6, D10)", DQN.act, "softmax_sample(self.q(s)"),
     ("8", "act", run, "env.step(a)"),
-    ("9–11", "target, residual and priority of the new transition (D4)", ProportionalReplay.add, "self.max_priority"),
+    (
+        "9–11",
+        "target, residual and priority of the new transition (D4)",
+        ProportionalReplay.add,
+        "self.max_priority",
+    ),
     ("12", "keep it", GBDQN.observe, "self.replay.add("),
     ("13", "draw a batch by Eq. 11", GBDQN.learn, "self.replay.sample("),
     ("14", "importance weights", ProportionalReplay.sample, "importance_weights("),
-    ("15, 20", "for each sample of it: arrays instead of a loop", GBDQN.learn, "h_all[np.arange(len(y)), batch.a]"),
+    (
+        "15, 20",
+        "for each sample of it: arrays instead of a loop",
+        GBDQN.learn,
+        "h_all[np.arange(len(y)), batch.a]",
+    ),
     ("16", "its target from the frozen sum (D1, D6)", GBDQN.learn, "y = bellman.td_target("),
     ("17", "its residual, Eq. 4", GBDQN.learn, "residual = y - self.q_frozen[batch.index]"),
     ("18", "its priority anew, Eq. 10", GBDQN.learn, "self.replay.update_priorities("),
@@ -57,7 +67,12 @@ LINES = (
     ("25", "go on from the next state", run, "s, ends, length, total = s2"),
     ("26", "let the target network follow (D9)", GBDQN.learn, "polyak("),
     ("27, 28", "end of step, end of episode", run, "yield {"),
-    ("29", "add α_m h_m to the sum, Eq. 9", GBDQN.fold_in, "self.ensemble.add(self.theta, self.alpha)"),
+    (
+        "29",
+        "add α_m h_m to the sum, Eq. 9",
+        GBDQN.fold_in,
+        "self.ensemble.add(self.theta, self.alpha)",
+    ),
 )
 table = "| printed | in our words | where | the line of code |\n|---|---|---|---|\n"
 for printed, words, where, code in LINES:
@@ -155,7 +170,9 @@ def after_drift(updates=1_500, **reading):
 
 # %%
 letter, before, *_ = after_drift(target="frozen", loss_on="h", alpha=1.0)
-assert np.allclose(before, old.q_star(), atol=0.01)  # the first learner is a plain DQN (D8): it is done
+assert np.allclose(
+    before, old.q_star(), atol=0.01
+)  # the first learner is a plain DQN (D8): it is done
 still = letter.q(ONE_HOT)
 assert (still == before).all()
 print("rooms in which it acts otherwise:", sum(still.argmax(1) != before.argmax(1)))
@@ -205,7 +222,9 @@ live_through(agent, new, 5)
 
 twin = copy.deepcopy(agent)  # the same parameters, buffer and random numbers
 batch, grad, targets = twin.replay.sample(8, twin.rng), np.zeros(twin.net.size, np.float32), []
-for s, a, r, s2, done, w in zip(batch.s, batch.a, batch.r, batch.s2, batch.terminated, batch.weight, strict=True):
+for s, a, r, s2, done, w in zip(
+    batch.s, batch.a, batch.r, batch.s2, batch.terminated, batch.weight, strict=True
+):
     y = r + 0.9 * (0 if done else twin.ensemble.q(s2).max())
     target = y - twin.ensemble.q(s)[a]
     targets.append(target)
@@ -218,7 +237,9 @@ twin.adam.step(twin.theta, grad)
 agent.learn()
 assert np.linalg.norm(grad) < agent.config.max_grad_norm  # so clipping did nothing
 assert np.allclose(agent.theta, twin.theta, atol=1e-5)
-new_priorities = td_priority(np.array(targets), agent.config.priority_offset, agent.config.priority_exponent)
+new_priorities = td_priority(
+    np.array(targets), agent.config.priority_offset, agent.config.priority_exponent
+)
 assert np.allclose(agent.replay.tree.leaves[batch.index], new_priorities, atol=1e-4)  # line 18
 
 # %% [markdown]
@@ -322,8 +343,13 @@ dqn = units_per_step(DQN, 1)
 report = ["          units per training sample       per environment step, DQN = 1"]
 report += ["networks    live  frozen  no cache          live  frozen  no cache"]
 for m in (1, 2, 4, 8):
-    live, frozen = units_per_step(GBDQN, m, target="live"), units_per_step(GBDQN, m, target="frozen")
-    sample = 2 * (m - 1) + 3 if m > 1 else 4  # no cache, frozen: Q_{m−1} at s and s′, h forward and backward
+    live, frozen = (
+        units_per_step(GBDQN, m, target="live"),
+        units_per_step(GBDQN, m, target="frozen"),
+    )
+    sample = (
+        2 * (m - 1) + 3 if m > 1 else 4
+    )  # no cache, frozen: Q_{m−1} at s and s′, h forward and backward
     step = 16 * sample + max(m - 1, 1)
     report.append(
         f"{m:8} {live[0]:7.0f} {frozen[0]:7.0f} {sample:9} "
@@ -431,7 +457,12 @@ NAMES = {
     4: "4 live, loss on h",
     5: "5 live, α = η at the end",
 }
-STYLES = {1: (VERMILLION, "-", "o"), 2: (ORANGE, "--", "^"), 3: (BLUE, "-", "s"), 4: (GREEN, "-.", "D")}
+STYLES = {
+    1: (VERMILLION, "-", "o"),
+    2: (ORANGE, "--", "^"),
+    3: (BLUE, "-", "s"),
+    4: (GREEN, "-.", "D"),
+}
 STYLES[5] = (PURPLE, ":", "v")
 
 figure, axes = plt.subplots(1, 2, figsize=(8.4, 3.8))
@@ -446,7 +477,11 @@ for axis in axes:
     axis.set_xlabel("updates")
 axes[0].text(updates * 1.02, 9.2, "the goal moves", fontsize=9)
 axes[0].annotate(
-    "line 29", (2 * updates, 5.6), xytext=(1.7 * updates, 4.2), arrowprops=dict(arrowstyle="->"), fontsize=9
+    "line 29",
+    (2 * updates, 5.6),
+    xytext=(1.7 * updates, 4.2),
+    arrowprops=dict(arrowstyle="->"),
+    fontsize=9,
 )
 axes[0].set(ylabel="largest error against the new Q*", ylim=(-0.3, 10.5))
 axes[0].set_title("One drift, one booster, η = 0.5")
@@ -482,7 +517,9 @@ for mdp, start, error in ((loop, np.zeros((1, 1)), loop_error), (far_new, far_ol
             Q = boost(mdp, Q, k, eta, q_star)
 
 for k, factor in FACTORS.items():
-    assert np.allclose(loop_error[k], 100 * factor ** np.arange(boosts + 1), atol=1e-6)  # met exactly
+    assert np.allclose(
+        loop_error[k], 100 * factor ** np.arange(boosts + 1), atol=1e-6
+    )  # met exactly
     bound = far_error[k][0] * factor ** np.arange(boosts + 1)
     assert (far_error[k] <= bound + 1e-6).all()  # and never exceeded
 print("left of 100 after three boosts:", {k: round(float(loop_error[k][3]), 2) for k in FACTORS})
@@ -493,10 +530,17 @@ for k in FACTORS:
     colour, style, marker = STYLES[k]
     for axis, values in zip(axes, (loop_error, far_error, far_turned), strict=True):
         places = [0, 1, 3, 10, 30, 100, 300]
-        axis.plot(values[k], style, color=colour, marker=marker, markevery=places, ms=4, label=NAMES[k])
+        axis.plot(
+            values[k], style, color=colour, marker=marker, markevery=places, ms=4, label=NAMES[k]
+        )
 for axis in axes:
     axis.set_xscale("symlog", linthresh=1)
-    axis.set(xlabel="boosts", xlim=(0, boosts), xticks=[0, 1, 10, 100], xticklabels=["0", "1", "10", "100"])
+    axis.set(
+        xlabel="boosts",
+        xlim=(0, boosts),
+        xticks=[0, 1, 10, 100],
+        xticklabels=["0", "1", "10", "100"],
+    )
     axis.axvline(3, color=BLACK, lw=0.8, ls=":")
 axes[0].text(3.2, 20, "three drifts", rotation=90, va="center", fontsize=8)
 axes[0].set(ylabel="largest error of Q", title="One-state loop: value")
@@ -530,7 +574,13 @@ for _ in range(3):
     Q = far_new.bellman(Q)
 heard = [s for s in range(10) if not np.allclose(Q[s], far_old[s])]
 print("rooms that have heard of it:", heard)
-assert heard == [0, 1, 7, 8, 9]  # residuals start at the two ends; a room hears only if the best action's value moves
+assert heard == [
+    0,
+    1,
+    7,
+    8,
+    9,
+]  # residuals start at the two ends; a room hears only if the best action's value moves
 
 # %% [markdown]
 # ## Eq. 1 · From the empty ensemble
@@ -545,7 +595,9 @@ assert heard == [0, 1, 7, 8, 9]  # residuals start at the two ends; a room hears
 Q = np.zeros((10, 2))
 for _ in range(4):
     Q = far_new.bellman(Q)
-for s in range(10):  # s steps to the goal if it turns left, s + 2 if it starts to the right; 4 are looked ahead
+for s in range(
+    10
+):  # s steps to the goal if it turns left, s + 2 if it starts to the right; 4 are looked ahead
     costs = [sum(gamma**k for k in range(min(steps, 4))) for steps in (s, s + 2 - (s == 9))]
     assert np.allclose(Q[s], -np.array(costs))
 Q[[0, 1, 3, 4, 9]].round(4)
@@ -562,7 +614,9 @@ Q, count = np.zeros((10, 2)), 0
 while turned(Q) < 1:
     Q, count = far_new.bellman(Q), count + 1
 print(count, "boosters")
-assert count == 10  # the last room is 9 steps from the goal; a 10th shows that running into the wall costs more
+assert (
+    count == 10
+)  # the last room is 9 steps from the goal; a 10th shows that running into the wall costs more
 
 # %% [markdown]
 # ## What to take along

@@ -74,7 +74,9 @@ assert np.isclose(error, mdp.bellman_error(Q, mu))
 # %%
 drifted, Q_old = loops(0, 1, gamma=F(9, 10)), row(0, 0)
 print("g =", *drifted.residual(Q_old)[0])
-assert (loops(0, 0, gamma=F(9, 10)).residual(Q_old) == 0).all()  # before the drift: no residual at all
+assert (
+    loops(0, 0, gamma=F(9, 10)).residual(Q_old) == 0
+).all()  # before the drift: no residual at all
 
 # %% [markdown]
 # ## Theorem 1 · a boosting step lowers the squared residual
@@ -170,7 +172,13 @@ alphas = np.linspace(0, 1.4, 57)
 g = drifted.residual(Q_old)
 left.plot(alphas, (1 - alphas) ** 2, "--", color=BLUE, label="frozen target: $(1-α)^2$")
 for loop, colour, style, name in ((drifted, VERMILLION, "-", "0.9"), (slow, PURPLE, "-.", "0.99")):
-    left.plot(alphas, [squares(loop, Q_old + F(a) * g) for a in alphas], style, color=colour, label=f"true, γ = {name}")
+    left.plot(
+        alphas,
+        [squares(loop, Q_old + F(a) * g) for a in alphas],
+        style,
+        color=colour,
+        label=f"true, γ = {name}",
+    )
 left.plot([0, 1, 1], [1, 0, 1.62], "o", color=BLACK)
 left.text(1.03, 1.42, "2γ² = 1.62")
 left.set(xlabel="step α along the residual", ylabel="sum of squared residuals", ylim=(-0.05, 3))
@@ -277,7 +285,9 @@ assert np.allclose(MDP(np.ones((1, 2, 1)), stuck.r.astype(float), 0.9).q_star(),
 d, true_gradient = F(1, 100), []
 for a in range(2):
     nudge = d * row(int(a == 0), int(a == 1))
-    true_gradient.append((stuck.bellman_error(Q + nudge, mu) - stuck.bellman_error(Q - nudge, mu)) / (2 * d))
+    true_gradient.append(
+        (stuck.bellman_error(Q + nudge, mu) - stuck.bellman_error(Q - nudge, mu)) / (2 * d)
+    )
 
 P_pi = np.array([[F(0), F(1)], [F(0), F(1)]])  # from either pair to the greedy one, a₁
 formula = 2 * ((F(9, 10) * P_pi - np.eye(2, dtype=int)).T @ (mu * g)[0])
@@ -311,7 +321,9 @@ left.plot(falling[:13], "o-", color=VERMILLION, ms=4, label="$α_m = 2/(m+1)^2$"
 left.plot(fixed_part, "s--", color=BLUE, ms=4, label="α = 1")
 left.axhline(0.25, color=BLACK, lw=0.8, ls=":")
 left.text(5.5, 0.19, "¼", fontsize=9)
-left.set(xlabel="boosts m", ylabel="Bellman error $E$", ylim=(-0.03, 1.25), title="It falls, and stops")
+left.set(
+    xlabel="boosts m", ylabel="Bellman error $E$", ylim=(-0.03, 1.25), title="It falls, and stops"
+)
 left.legend(loc="upper right")
 
 Q, alphas = row(0, 1), np.linspace(-0.9, 1.2, 43)
@@ -340,7 +352,10 @@ plt.show()
 # by (2γ)² (claim T2-e). Nor does E = 0 mean Q* (claim T2-i):
 
 # %%
-nothing, blind = loops(0, 0, gamma=F(9, 10)), row(1, 0)  # r = 0, so Q* = (0, 0); only a₀ is in the data
+nothing, blind = (
+    loops(0, 0, gamma=F(9, 10)),
+    row(1, 0),
+)  # r = 0, so Q* = (0, 0); only a₀ is in the data
 Q, growing = row(1, 2), []
 for _ in range(5):
     growing.append(nothing.bellman_error(Q, blind))
@@ -401,11 +416,15 @@ ideal = normalise(p_td * p_time)
 report = []
 for mix in (F(0), F(1, 10), F(1, 2), F(9, 10), F(1)):
     P = normalise(mixed_priority(p_td, p_time, mix))
-    naive = [mix * d + (1 - mix) * t for d, t in zip(p_td, p_time, strict=True)]  # Eq. 10, one number at a time
+    naive = [
+        mix * d + (1 - mix) * t for d, t in zip(p_td, p_time, strict=True)
+    ]  # Eq. 10, one number at a time
     assert P.tolist() == [p / sum(naive) for p in naive]
     report.append(f"β = {float(mix):.1f}   P = {P[0]} {P[1]}")
     assert P.tolist() == [F(2, 3), F(1, 3)]
-report.append(f"ideal     P* = {ideal[0]} {ideal[1]}   half the total difference: {abs(P - ideal).sum() / 2}")
+report.append(
+    f"ideal     P* = {ideal[0]} {ideal[1]}   half the total difference: {abs(P - ideal).sum() / 2}"
+)
 print("\n".join(report))
 assert abs(P - ideal).sum() / 2 == F(2, 15)
 
@@ -424,7 +443,9 @@ from_ideal, from_per = [], []
 for n in sizes:
     p_td, p_time = td_priority(rng.uniform(0.5, 1.5, n), 0, 1), time_priority(np.arange(n), 0.01)
     P = normalise(mixed_priority(p_td, p_time, 0.5))
-    from_ideal.append(np.abs(P - normalise(p_td * p_time)).sum() / 2)  # total variation distance: 0 alike, 1 disjoint
+    from_ideal.append(
+        np.abs(P - normalise(p_td * p_time)).sum() / 2
+    )  # total variation distance: 0 alike, 1 disjoint
     from_per.append(np.abs(P - normalise(p_td)).sum() / 2)
 assert from_ideal == sorted(from_ideal) and from_ideal[-1] > 0.99
 assert from_per[-1] < 0.001
@@ -436,7 +457,10 @@ for (deltas, times), colour, style in (
     (((3, 1), (1, 1 / 2)), PURPLE, "--"),
     (((1, 2), (1, 1 / 4)), GREEN, "-."),
 ):
-    ratio = [mixed_priority(deltas[0], times[0], b) / mixed_priority(deltas[1], times[1], b) for b in mixes]
+    ratio = [
+        mixed_priority(deltas[0], times[0], b) / mixed_priority(deltas[1], times[1], b)
+        for b in mixes
+    ]
     (line,) = left.plot(mixes, ratio, style, color=colour)
     product = deltas[0] * times[0] / (deltas[1] * times[1])
     left.plot(1.04, product, "D", color=colour, clip_on=False)
@@ -446,7 +470,9 @@ left.set(xlabel="mixing coefficient β", ylabel="ratio $P_1 : P_2$", ylim=(0, 6.
 left.set_title("Lines: the rule. Diamonds: the ideal")
 right.semilogx(sizes, from_ideal, "o-", color=VERMILLION, label="from the ideal P*")
 right.semilogx(sizes, from_per, "s--", color=BLUE, label="from PER without recency")
-right.set(xlabel="transitions in the buffer N", ylabel="total variation distance of P", ylim=(-0.03, 1.05))
+right.set(
+    xlabel="transitions in the buffer N", ylabel="total variation distance of P", ylim=(-0.03, 1.05)
+)
 right.set_title("How far the rule is, as the buffer grows")
 right.legend(loc="center left", bbox_to_anchor=(0.2, 0.38))
 plt.show()
@@ -473,7 +499,9 @@ rules["P*"] = normalise(p_td * p_time)
 aged, plain = ({name: variance(f, P) for name, P in rules.items()} for f in (p_td * p_time, p_td))
 report = []
 for name in rules:
-    report.append(f"{name:8} V = {float(aged[name]):7.4f} for |δ| · recency, {float(plain[name]):7.4f} for |δ|")
+    report.append(
+        f"{name:8} V = {float(aged[name]):7.4f} for |δ| · recency, {float(plain[name]):7.4f} for |δ|"
+    )
 print("\n".join(report))
 # No: the best P is proportional to |f| (claim T3-g). P* wins for the first f, and for the second, which the importance weights
 # w = 1/(N P) of GB-DQN estimate, PER (β = 1) wins and P* is the worst of the four.
@@ -501,7 +529,9 @@ stages = ensemble.staged_q(x)
 
 for j in range(1, 3):
     h, _ = net.forward(ensemble.theta[j], x)
-    assert np.allclose(np.abs(stages[j] - stages[j - 1]), abs(ensemble.alpha[j]) * np.abs(h), atol=1e-5)
+    assert np.allclose(
+        np.abs(stages[j] - stages[j - 1]), abs(ensemble.alpha[j]) * np.abs(h), atol=1e-5
+    )
 
 # %% [markdown]
 # True (claim T4-a), with |α| where Eq. 8 gives a negative one: for r = (1, −3), h = (1, 1) it gives −1, and the printed
@@ -535,7 +565,9 @@ assert change.tolist() == [1, 1000]
 
 # %%
 new, Q, reading_a = loops(0, 0, gamma=F(9, 10)), row(1, 2), []
-assert (loops(F(-8, 10), F(2, 10), gamma=F(9, 10)).residual(Q) == 0).all()  # Q was right before the drift
+assert (
+    loops(F(-8, 10), F(2, 10), gamma=F(9, 10)).residual(Q) == 0
+).all()  # Q was right before the drift
 for _ in range(9):
     reading_a.append(Q[0, 0])
     Q = Q + new.residual(Q)[0, 0] * row(1, 2)
@@ -566,7 +598,9 @@ assert reading_b.tolist() == [[9, 10]]
 
 # %%
 gamma, epsilon, boosts = 0.9, 0.1, 120
-always = MDP(np.ones((1, 1, 1)), np.zeros((1, 1)), gamma)  # one loop; each fit is ε too high: the worst case
+always = MDP(
+    np.ones((1, 1, 1)), np.zeros((1, 1)), gamma
+)  # one loop; each fit is ε too high: the worst case
 rng = np.random.default_rng(1)
 random = MDP(rng.dirichlet(np.ones(4), size=(4, 3)), rng.normal(size=(4, 3)), gamma)
 errors = {}
@@ -587,14 +621,18 @@ Q, both = row(1, 2), []
 for _ in range(9):
     both.append(float(Q[0, 0]))
     Q = Q + new.residual(Q)
-left.semilogy([float(q) for q in reading_a], "o-", color=VERMILLION, label="A: frozen residual falls")
+left.semilogy(
+    [float(q) for q in reading_a], "o-", color=VERMILLION, label="A: frozen residual falls"
+)
 left.plot(range(1, 9), [9] * 8, "s--", color=PURPLE, label="B: true error is 0 (starts at 0)")
 left.plot(both, "D-.", color=GREEN, label="both actions in the data")
 left.set(xlabel="boosts after the drift", ylabel="$|Q_m(a_0) - Q^*_{new}(a_0)|$", ylim=(0.3, 900))
 left.set_title("Adaptation, as printed and repaired")
 left.legend(loc="upper left")
 for alpha, colour, style in ((1.0, BLUE, "-"), (0.3, GREEN, "-."), (0.1, PURPLE, ":")):
-    right.semilogy(errors["worst case", alpha], style, color=colour, label=f"worst case, α = {alpha:g}")
+    right.semilogy(
+        errors["worst case", alpha], style, color=colour, label=f"worst case, α = {alpha:g}"
+    )
     right.plot(range(0, boosts, 8), errors["random MDP", alpha][::8], ".", color=colour)
 right.axhline(epsilon / (1 - gamma), color=BLACK, ls="--", lw=1, label="ε/(1 − γ) = 1")
 right.set(xlabel="boosts after the drift", ylabel="largest error of Q", ylim=(0.02, 40))
@@ -609,7 +647,9 @@ plt.show()
 # %% tags=["solution"] jupyter={"source_hidden": true}
 gamma = 0.99
 assert np.isclose(1 * (1 - gamma), 0.01)  # ε = 0.01 · 1: a hundred times better than what one wants
-boosts_needed = [int(np.ceil(np.log(1 / 100) / np.log(1 - alpha * (1 - gamma)))) for alpha in (1, 0.1)]
+boosts_needed = [
+    int(np.ceil(np.log(1 / 100) / np.log(1 - alpha * (1 - gamma)))) for alpha in (1, 0.1)
+]
 print("boosts:", boosts_needed)
 assert boosts_needed == [459, 4603]
 

@@ -19,7 +19,9 @@ from gbdqn_ref import plots, stats
 from gbdqn_ref.bellman import epsilon_schedule
 from gbdqn_ref.config import Config
 
-RESULTS = Path("../paper_checks/results")  # what our own runs left; the README there says how they were made
+RESULTS = Path(
+    "../paper_checks/results"
+)  # what our own runs left; the README there says how they were made
 PRINTED = {  # the "Final Return" of the paper's tables: mean ± standard deviation
     "acrobot": {
         "gbdqn": (-140.16, 88.52),
@@ -93,7 +95,10 @@ smallest = 1.0
 for env, table in PRINTED.items():
     values = {agent: p_value(table["gbdqn"], table[agent]) for agent in table if agent != "gbdqn"}
     smallest = min(smallest, *values.values())
-    print(f"{plots.NAMES[env]:12}", "  ".join(f"{plots.NAMES[agent]} {p:.3f}" for agent, p in values.items()))
+    print(
+        f"{plots.NAMES[env]:12}",
+        "  ".join(f"{plots.NAMES[agent]} {p:.3f}" for agent, p in values.items()),
+    )
 ours, theirs = PRINTED["hopper"]["gbdqn"], PRINTED["hopper"]["dqn"]
 error = np.hypot(ours[1], theirs[1]) / np.sqrt(5)
 print(f"Hopper: GB-DQN leads DQN by {ours[0] - theirs[0]:.2f}, at a standard error of {error:.0f}")
@@ -106,7 +111,12 @@ assert smallest > 0.05
 # And "lower variance"? Count:
 
 # %%
-smaller = [(env, agent) for env, table in PRINTED.items() for agent in table if table[agent][1] < table["gbdqn"][1]]
+smaller = [
+    (env, agent)
+    for env, table in PRINTED.items()
+    for agent in table
+    if table[agent][1] < table["gbdqn"][1]
+]
 print(len(smaller), "of 12 have a smaller standard deviation than GB-DQN:", *smaller)
 assert len(smaller) == 6
 
@@ -122,7 +132,9 @@ assert len(smaller) == 6
 # %%
 hopper = Config.preset("hopper")
 steps = 20 * hopper.episodes
-at_end = epsilon_schedule(steps, hopper.epsilon_start, hopper.epsilon_end, hopper.epsilon_decay_steps)
+at_end = epsilon_schedule(
+    steps, hopper.epsilon_start, hopper.epsilon_end, hopper.epsilon_decay_steps
+)
 print(
     f"{steps:,} steps in all: ε = {at_end:.3f} at the end; the first update at episode {hopper.learning_starts // 20}"
 )
@@ -161,7 +173,10 @@ for agent, values in final(stored("hopper")).items():
 ours = final(stored("hopper"))
 assert (ours["dqn"] == ours["sliding"]).all()
 print(
-    "a run has", max(run["steps"] for run in stored("hopper")["runs"]), "steps at most; the window holds", hopper.window
+    "a run has",
+    max(run["steps"] for run in stored("hopper")["runs"]),
+    "steps at most; the window holds",
+    hopper.window,
 )
 
 # %% [markdown]
@@ -201,7 +216,9 @@ assert np.isclose(total / weights, stats.iqm(values))
 # %%
 exact = [stats.iqm(np.array(drawn)) for drawn in product(values, repeat=5)]
 low, high = stats.bootstrap_interval(values, np.random.default_rng(0), resamples=20_000)
-print(f"enumerated [{np.quantile(exact, 0.025):.2f}, {np.quantile(exact, 0.975):.2f}], drawn [{low:.2f}, {high:.2f}]")
+print(
+    f"enumerated [{np.quantile(exact, 0.025):.2f}, {np.quantile(exact, 0.975):.2f}], drawn [{low:.2f}, {high:.2f}]"
+)
 assert np.allclose([low, high], np.quantile(exact, [0.025, 0.975]), atol=0.5)
 
 # %% [markdown]
@@ -236,9 +253,18 @@ def forest(name, panel, title):
     ours = final(stored(name))
     others = [agent for agent in ours if agent not in ("dqn", "random")]
     for y, agent in enumerate(reversed(others)):
-        middle, low, high = stats.paired_difference(ours[agent], ours["dqn"], np.random.default_rng(0))
+        middle, low, high = stats.paired_difference(
+            ours[agent], ours["dqn"], np.random.default_rng(0)
+        )
         colour = plots.COLOURS[agent]
-        panel.plot(ours[agent] - ours["dqn"], np.full(len(ours["dqn"]), y), "o", color=colour, alpha=0.4, markersize=3)
+        panel.plot(
+            ours[agent] - ours["dqn"],
+            np.full(len(ours["dqn"]), y),
+            "o",
+            color=colour,
+            alpha=0.4,
+            markersize=3,
+        )
         panel.plot([low, high], [y, y], color=colour, linewidth=2)
         panel.plot(middle, y, plots.MARKS[agent], color=colour, markersize=7)
     panel.axvline(0, color=BLACK, linewidth=0.8)
@@ -266,9 +292,15 @@ plt.show()
 # %%
 for name in ("acrobot", "mountaincar"):
     ours = final(stored(name))
-    rows = [("GB-DQN", "gbdqn"), ("DQN with its replay", "dqn-recency"), ("GB-DQN with DQN's replay", "gbdqn-per")]
+    rows = [
+        ("GB-DQN", "gbdqn"),
+        ("DQN with its replay", "dqn-recency"),
+        ("GB-DQN with DQN's replay", "gbdqn-per"),
+    ]
     for label, agent in rows:
-        middle, low, high = stats.paired_difference(ours[agent], ours["dqn"], np.random.default_rng(0))
+        middle, low, high = stats.paired_difference(
+            ours[agent], ours["dqn"], np.random.default_rng(0)
+        )
         print(f"{plots.NAMES[name]:12}{label:26}{middle:+7.1f}  [{low:+.1f}, {high:+.1f}]")
 
 # %% [markdown]
@@ -305,9 +337,17 @@ for panel, env in zip(axes, ("acrobot", "mountaincar"), strict=True):
         values = final(stored(env + suffix))["gbdqn"]
         colour = BLUE if label.startswith("live") else VERMILLION
         panel.plot(values, np.full(5, y), "o", color=colour, alpha=0.4, markersize=4)
-        panel.plot(stats.iqm(values), y, "o" if label.startswith("live") else "s", color=colour, markersize=8)
+        panel.plot(
+            stats.iqm(values),
+            y,
+            "o" if label.startswith("live") else "s",
+            color=colour,
+            markersize=8,
+        )
     panel.axvline(stats.iqm(final(stored(env))["dqn"]), color=ORANGE, linestyle="--", label="DQN")
-    panel.axvline(stored(env)["runs"][0]["random_return"], color="0.5", linestyle=":", label="random policy")
+    panel.axvline(
+        stored(env)["runs"][0]["random_return"], color="0.5", linestyle=":", label="random policy"
+    )
     panel.set(title=plots.NAMES[env], xlabel="final return: seeds, and their IQM")
     panel.set_yticks(range(len(READINGS)), reversed(READINGS))
 axes[0].legend(loc="lower center", fontsize=9)
@@ -346,7 +386,10 @@ plt.show()
 
 # %%
 ADDED = {  # what is added: to what is it added (with, without)
-    "GB-DQN's replay": {"to DQN": ("dqn-recency", "dqn"), "beside boosting": ("gbdqn", "gbdqn-per")},
+    "GB-DQN's replay": {
+        "to DQN": ("dqn-recency", "dqn"),
+        "beside boosting": ("gbdqn", "gbdqn-per"),
+    },
     "boosting": {"to DQN": ("gbdqn-per", "dqn"), "beside that replay": ("gbdqn", "dqn-recency")},
 }
 ALL = {name: plots.NAMES[name] for name in ("acrobot", "mountaincar", "hopper")} | OURS
@@ -356,13 +399,21 @@ for panel, (what, companies) in zip(axes, ADDED.items(), strict=True):
     for (company, (added, without)), shift, colour, mark in looks:
         for y, name in enumerate(reversed(ALL)):
             ours = final(stored(name))
-            best = max(stats.iqm(ours[agent]) for agent in ("dqn", "dqn-recency", "gbdqn", "gbdqn-per"))
+            best = max(
+                stats.iqm(ours[agent]) for agent in ("dqn", "dqn-recency", "gbdqn", "gbdqn-per")
+            )
             span = best - stats.iqm(ours["random"])
-            middle, low, high = stats.paired_difference(ours[added], ours[without], np.random.default_rng(0))
+            middle, low, high = stats.paired_difference(
+                ours[added], ours[without], np.random.default_rng(0)
+            )
             panel.plot([low / span, high / span], [y + shift] * 2, color=colour, linewidth=2)
-            panel.plot(middle / span, y + shift, mark, color=colour, label=company if y == 0 else None)
+            panel.plot(
+                middle / span, y + shift, mark, color=colour, label=company if y == 0 else None
+            )
     panel.axvline(0, color=BLACK, linewidth=0.8)
-    panel.set(title=f"what {what} brings", xlabel="part of the span, random policy to best of the four")
+    panel.set(
+        title=f"what {what} brings", xlabel="part of the span, random policy to best of the four"
+    )
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
 axes[0].set_yticks(range(len(ALL)), list(reversed(ALL.values())))
 plt.show()
@@ -391,7 +442,11 @@ for y, suffix in enumerate(reversed(rows.values())):
     plt.plot(values, np.full(5, y), "o", color=BLUE, alpha=0.4, markersize=5)
     plt.plot(stats.iqm(values), y, "D", color=VERMILLION, markersize=8)
 plt.yticks(range(4), reversed(rows))
-plt.gca().set(xlabel="final return of GB-DQN on CartPole: seeds, and their IQM", ylim=(-0.5, 3.5), xlim=(0, 515))
+plt.gca().set(
+    xlabel="final return of GB-DQN on CartPole: seeds, and their IQM",
+    ylim=(-0.5, 3.5),
+    xlim=(0, 515),
+)
 plt.show()
 pair = [final(stored(f"cartpole{suffix}"))["gbdqn"] for suffix in ("-empty", "-none")]
 middle, low, high = stats.paired_difference(*pair, np.random.default_rng(0))

@@ -1,4 +1,6 @@
-"""What every notebook has from here: the package's own source, shown live, and one look for all pictures."""
+"""What every notebook has from here: the package's own source, shown live, and one look for all
+pictures.
+"""
 
 import inspect
 import os
@@ -9,7 +11,9 @@ from IPython.display import Markdown, display
 
 from gbdqn_ref.plots import OKABE_ITO
 
-FAST = os.environ.get("NOTEBOOKS") == "fast"  # in tests: shorter runs, coarser pictures, the same cells
+FAST = (
+    os.environ.get("NOTEBOOKS") == "fast"
+)  # in tests: shorter runs, coarser pictures, the same cells
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BLACK = OKABE_ITO
 
 plt.rcParams.update(

@@ -4,19 +4,27 @@ import ledger
 
 
 def pytest_addoption(parser):
-    parser.addoption("--ledger", metavar="FILE", help="write the ledger as Markdown to FILE, and as JSON beside it")
+    parser.addoption(
+        "--ledger",
+        metavar="FILE",
+        help="write the ledger as Markdown to FILE, and as JSON beside it",
+    )
 
 
 def pytest_configure(config):
     for name in ledger.PLACES:
         config.addinivalue_line("markers", f"{name}: claims of this part of the paper")
-    config.addinivalue_line("markers", "claim(id, place, says, verdict, uses): the check that decides a claim")
+    config.addinivalue_line(
+        "markers", "claim(id, place, says, verdict, uses): the check that decides a claim"
+    )
     config.addinivalue_line("markers", "control(*ids): the negative control of claims")
 
 
 def pytest_ignore_collect(collection_path, config):
     """The checks of the committed page wait while --ledger writes it."""
-    return True if config.getoption("--ledger") and collection_path.name == "test_ledger.py" else None
+    return (
+        True if config.getoption("--ledger") and collection_path.name == "test_ledger.py" else None
+    )
 
 
 def pytest_runtest_setup(item):
@@ -25,12 +33,21 @@ def pytest_runtest_setup(item):
 
 def pytest_terminal_summary(terminalreporter, config):
     reports = [report for reports in terminalreporter.stats.values() for report in reports]
-    found = [dict(row) for report in reports for name, row in getattr(report, "user_properties", ()) if name == "claim"]
-    rows = sorted({row["id"]: row for row in found}.values(), key=lambda row: ledger.position(row["id"]))
+    found = [
+        dict(row)
+        for report in reports
+        for name, row in getattr(report, "user_properties", ())
+        if name == "claim"
+    ]
+    rows = sorted(
+        {row["id"]: row for row in found}.values(), key=lambda row: ledger.position(row["id"])
+    )
     if rows:
         terminalreporter.section("the ledger: is the paper right?")
     for row in rows:
-        terminalreporter.write_line(f"{row['id']:5} {row['place']:24} {row['verdict']}\n{'':30} {row['figure']}")
+        terminalreporter.write_line(
+            f"{row['id']:5} {row['place']:24} {row['verdict']}\n{'':30} {row['figure']}"
+        )
     if rows and (path := config.getoption("--ledger")):
         ledger.write(path, rows)
         terminalreporter.write_line(f"written to {path}")

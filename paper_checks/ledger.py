@@ -1,4 +1,5 @@
-"""The ledger: which check decides which claim of the paper, and how; and where each numbered place of it is found.
+"""The ledger: which check decides which claim of the paper, and how; and where each numbered place
+of it is found.
 
 `--ledger` writes both into README.md.
 """
@@ -10,9 +11,17 @@ from pathlib import Path
 import pytest
 
 README = Path(__file__).with_name("README.md")
-BEGIN, END = "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->", "<!-- end of ledger -->"
-PLACES_BEGIN, PLACES_END = "<!-- concordance: written with the ledger -->", "<!-- end of concordance -->"
-PLACES = {f"eq{n}": f"Eq. {n}" for n in range(1, 12)} | {f"theorem{n}": f"Theorem {n}" for n in range(1, 5)}
+BEGIN, END = (
+    "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->",
+    "<!-- end of ledger -->",
+)
+PLACES_BEGIN, PLACES_END = (
+    "<!-- concordance: written with the ledger -->",
+    "<!-- end of concordance -->",
+)
+PLACES = {f"eq{n}": f"Eq. {n}" for n in range(1, 12)} | {
+    f"theorem{n}": f"Theorem {n}" for n in range(1, 5)
+}
 PLACES["algorithm1"] = "Algorithm 1"
 SECTIONS = (  # the headings of the paper that places name
     "Introduction",
@@ -33,8 +42,25 @@ NOTEBOOKS = {
     path.stem: path.read_text(encoding="utf-8").replace("\n# ", "\n")
     for path in sorted(README.parent.parent.glob("notebooks/[0-9]*.py"))
 }
-GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X")  # in the order of the paper
-HEADER = "| | claim | place | verdict | what decides it | functions | notebooks | check |\n" + 8 * "|---" + "|\n"
+GROUPS = (
+    "M",
+    "R",
+    "W",
+    "P",
+    "A",
+    "T1",
+    "B",
+    "T2",
+    "T3",
+    "T4",
+    "C",
+    "X",
+)  # in the order of the paper
+HEADER = (
+    "| | claim | place | verdict | what decides it | functions | notebooks | check |\n"
+    + 8 * "|---"
+    + "|\n"
+)
 FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "notebooks", "check")
 NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
@@ -47,7 +73,10 @@ NOT_CHECKABLE = (  # (id, claim, place, reason)
         "A7",
         "a booster has been trained when it is added",
         "Algorithm 1, lines 3 and 29",
-        "it is added after max-episodes, of which no value is given; what it misses then is the ε of T4-d",
+        (
+            "it is added after max-episodes, of which no value is given; what it misses then is the"
+            " ε of T4-d"
+        ),
     ),
     (
         "X11",
@@ -66,11 +95,12 @@ current = None  # the test that runs, set by conftest
 
 
 def claim(id, place, says, verdict, uses):
-    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions that decide it, if any.
+    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions that
+    decide it, if any.
 
-    verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its place:
-    theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls shows() with the figure that
-    decides the claim.
+    verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its
+    place: theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls
+    shows() with the figure that decides the claim.
     """
     assert re.match(r"holds$|holds if |fails: |ambiguous: ", verdict), verdict
     marks = [pytest.mark.claim(id=id, place=place, says=says, verdict=verdict, uses=uses)]
@@ -85,18 +115,26 @@ def claim(id, place, says, verdict, uses):
 
 
 def shows(figure):
-    """Take down the figure that decides the claim of the running test; the ledger in README.md must have the same."""
+    """Take down the figure that decides the claim of the running test; the ledger in README.md must
+    have the same.
+    """
     check = f"`{current.path.name}` {current.originalname.removeprefix('test_')}"
     row = current.get_closest_marker("claim").kwargs | {"figure": figure, "check": check}
-    row["notebooks"] = ", ".join(link(name) for name in NOTEBOOKS if row["id"] in cited(NOTEBOOKS[name]))
+    row["notebooks"] = ", ".join(
+        link(name) for name in NOTEBOOKS if row["id"] in cited(NOTEBOOKS[name])
+    )
     if ("claim", row) not in current.user_properties:
         current.user_properties.append(("claim", row))
     if not current.config.getoption("--ledger"):
-        assert committed().get(row["id"]) == row, "README.md has another row for this claim; write it with --ledger"
+        assert committed().get(row["id"]) == row, (
+            "README.md has another row for this claim; write it with --ledger"
+        )
 
 
 def control(*ids):
-    """Mark a test as the negative control of claims: with one term or assumption taken away, the outcome differs."""
+    """Mark a test as the negative control of claims: with one term or assumption taken away, the
+    outcome differs.
+    """
     return pytest.mark.control(*ids)
 
 
@@ -106,7 +144,9 @@ def markers(place):
     >>> markers("Theorem 1, Eqs. 7–8")
     ['theorem1', 'eq7', 'eq8']
     """
-    names = [f"{word.lower()}{number}" for word, number in re.findall(r"(Theorem|Algorithm) (\d)", place)]
+    names = [
+        f"{word.lower()}{number}" for word, number in re.findall(r"(Theorem|Algorithm) (\d)", place)
+    ]
     for first, last in re.findall(r"Eqs?\. (\d+)(?:–(\d+))?", place):
         names += [f"eq{number}" for number in range(int(first), int(last or first) + 1)]
     return names
@@ -139,22 +179,37 @@ def position(id):
 
 def table(rows):
     """The ledger as a Markdown table, from dicts with FIELDS."""
-    lines = ["| " + " | ".join(row[field].replace("|", "\\|") for field in FIELDS) + " |\n" for row in rows]
-    missing = [
-        f"| {id} | {says} | {place} | not checkable: {why} | | | | |\n" for id, says, place, why in NOT_CHECKABLE
+    lines = [
+        "| " + " | ".join(row[field].replace("|", "\\|") for field in FIELDS) + " |\n"
+        for row in rows
     ]
-    return HEADER + "".join(sorted(lines + missing, key=lambda line: position(line.split(" | ")[0][2:])))
+    missing = [
+        f"| {id} | {says} | {place} | not checkable: {why} | | | | |\n"
+        for id, says, place, why in NOT_CHECKABLE
+    ]
+    return HEADER + "".join(
+        sorted(lines + missing, key=lambda line: position(line.split(" | ")[0][2:]))
+    )
 
 
 def concordance(rows):
-    """For each numbered place of the paper: what computes it, the notebooks with a heading on it, and its claims."""
+    """For each numbered place of the paper: what computes it, the notebooks with a heading on it,
+    and its claims.
+    """
     text = "| | functions | notebooks | claims |\n|---|---|---|---|\n"
     for marker, place in PLACES.items():
         here = [row for row in rows if row["check"] and marker in markers(row["place"])]
         uses = dict.fromkeys(name for row in here for name in row["uses"].split(", ") if name)
-        headings = [(name, title) for name in NOTEBOOKS for title in re.findall(r"^##+ (.*)", NOTEBOOKS[name], re.M)]
+        headings = [
+            (name, title)
+            for name in NOTEBOOKS
+            for title in re.findall(r"^##+ (.*)", NOTEBOOKS[name], re.M)
+        ]
         shown = [link(name, f" {title}") for name, title in headings if marker in markers(title)]
-        text += f"| {place} | {', '.join(uses)} | {'<br>'.join(shown)} | {', '.join(row['id'] for row in here)} |\n"
+        text += (
+            f"| {place} | {', '.join(uses)} | {'<br>'.join(shown)} |"
+            f" {', '.join(row['id'] for row in here)} |\n"
+        )
     return text
 
 
@@ -167,12 +222,17 @@ def committed():
 
 
 def write(path, rows):
-    """Write ledger and concordance to a file, or into their places in README.md, and the rows to ledger.json."""
+    """Write ledger and concordance to a file, or into their places in README.md, and the rows to
+    ledger.json.
+    """
     path, rows = Path(path), sorted(rows, key=lambda row: position(row["id"]))
     page = path.read_text(encoding="utf-8") if path.exists() else ""
     if BEGIN not in page:
         page = f"{BEGIN}\n{END}\n\n{PLACES_BEGIN}\n{PLACES_END}\n"
-    for begin, end, text in ((BEGIN, END, table(rows)), (PLACES_BEGIN, PLACES_END, concordance(rows))):
+    for begin, end, text in (
+        (BEGIN, END, table(rows)),
+        (PLACES_BEGIN, PLACES_END, concordance(rows)),
+    ):
         page = f"{page.split(begin)[0]}{begin}\n\n{text}\n{end}{page.split(end)[1]}"
     path.write_text(page, encoding="utf-8")
     content = json.dumps(rows, indent=1, ensure_ascii=False)

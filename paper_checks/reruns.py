@@ -1,6 +1,7 @@
-"""Our reruns of the paper's tables, from the stored results of studies. `--ledger` writes them into results/README.md.
+"""Our reruns of the paper's tables, from the stored results of studies. `--ledger` writes them into
+results/README.md.
 
-python paper_checks/reruns.py acrobot results/acrobot      stores what a study left, without its spaces
+python paper_checks/reruns.py acrobot results/acrobot    stores what a study left, compactly
 """
 
 import hashlib
@@ -12,7 +13,14 @@ import gymnasium
 import numpy as np
 
 from gbdqn_ref import plots
-from gbdqn_ref.stats import bootstrap_interval, forgetting, iqm, mean_std, median_recovery, paired_difference
+from gbdqn_ref.stats import (
+    bootstrap_interval,
+    forgetting,
+    iqm,
+    mean_std,
+    median_recovery,
+    paired_difference,
+)
 
 FOLDER = Path(__file__).with_name("results")
 STUDIES = {  # file: what Config.preset is asked for
@@ -60,13 +68,17 @@ def stored(name):
 
 
 def table(results, printed):
-    """A row per method: final return, and what its runs say of each drift; the paper printed {agent: (mean, std)}."""
+    """A row per method: final return, and what its runs say of each drift; the paper printed
+    {agent: (mean, std)}.
+    """
     runs, final = _by_agent(results)
     rows = []
     for agent in runs:
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
         difference = _difference(final[agent], final["dqn"]) if agent != "dqn" else "0"
-        rows.append([plots.NAMES[agent], paper, *_final(final[agent]), difference, *_drifts(runs[agent])])
+        rows.append(
+            [plots.NAMES[agent], paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
+        )
     return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
 
@@ -77,7 +89,9 @@ def ingredients():
         results = stored(study)
         _, final = _by_agent(results)
         name = plots.NAMES[env] + (f", {preset}" if preset != "paper" else "")
-        pairs = [_difference(final[added], final[without]) for added, without in INGREDIENTS.values()]
+        pairs = [
+            _difference(final[added], final[without]) for added, without in INGREDIENTS.values()
+        ]
         rows.append([name, str(len(results["seeds"])), *pairs])
     return _markdown(["", "seeds", *INGREDIENTS], rows)
 
@@ -91,17 +105,31 @@ def readings(study):
         own = final if own is None else own
         setting = results["settings"] | changes
         alpha = "the α of Eq. 8" if setting["alpha"] == "closed-form" else f"α = {setting['alpha']}"
-        label = f"{setting['target']} target, {'h' if setting['loss_on'] == 'h' else 'α h'} fitted, {alpha}"
+        label = (
+            f"{setting['target']} target, {'h' if setting['loss_on'] == 'h' else 'α h'} fitted,"
+            f" {alpha}"
+        )
         if "schedule" in changes:
             label += "; a drift that changes nothing" if changes["schedule"] else "; no drift"
-        rows.append([label, *_final(final), _difference(final, own) if rows else "0", *_drifts(runs)])
+        rows.append(
+            [label, *_final(final), _difference(final, own) if rows else "0", *_drifts(runs)]
+        )
     return _markdown(["", *MEASURED, "minus the first row's, paired [95 %]", *LATER], rows)
 
 
 def fingerprint():
-    """What decides the last bits of a run: NumPy's and Gymnasium's version, and what this machine's kernels compute."""
+    """What decides the last bits of a run: NumPy's and Gymnasium's version, and what this machine's
+    kernels compute.
+    """
     x = np.random.default_rng(0).normal(size=(64, 129)).astype(np.float32)
-    kernels = [x.T @ x, x[:, :7] @ x[:7, :3], x[:1] @ x.T, np.exp(x), np.log1p(np.abs(x)), np.sqrt(np.abs(x))]
+    kernels = [
+        x.T @ x,
+        x[:, :7] @ x[:7, :3],
+        x[:1] @ x.T,
+        np.exp(x),
+        np.log1p(np.abs(x)),
+        np.sqrt(np.abs(x)),
+    ]
     digest = hashlib.sha256(b"".join(result.tobytes() for result in kernels)).hexdigest()[:16]
     return {"numpy": np.__version__, "gymnasium": gymnasium.__version__, "kernels": digest}
 
@@ -113,8 +141,13 @@ def _markdown(columns, rows):
 
 def _by_agent(results):
     """{agent: its runs}, {agent: their final returns (seeds,)}."""
-    runs = {agent: [run for run in results["runs"] if run["agent"] == agent] for agent in results["agents"]}
-    return runs, {agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()}
+    runs = {
+        agent: [run for run in results["runs"] if run["agent"] == agent]
+        for agent in results["agents"]
+    }
+    return runs, {
+        agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()
+    }
 
 
 def _final(final):
@@ -123,15 +156,24 @@ def _final(final):
 
 
 def _difference(final, other):
-    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*paired_difference(final, other, np.random.default_rng(0)))
+    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(
+        *paired_difference(final, other, np.random.default_rng(0))
+    )
 
 
 def _drifts(rows):
-    """Area and recovery per drift, the median run's; what is lost of each earlier regime at the end, the mean run's."""
+    """Area and recovery per drift, the median run's; what is lost of each earlier regime at the
+    end, the mean run's.
+    """
     regimes = list(zip(*(run["regimes"][1:] for run in rows), strict=True))
     known = [[row for row in regime if row["area"] is not None] for regime in regimes]
-    areas = [f"{np.median([row['area'] for row in regime]):.2f}" if regime else "–" for regime in known]
-    times = [_time(median_recovery([row["recovery"] for row in regime])) if regime else "–" for regime in known]
+    areas = [
+        f"{np.median([row['area'] for row in regime]):.2f}" if regime else "–" for regime in known
+    ]
+    times = [
+        _time(median_recovery([row["recovery"] for row in regime])) if regime else "–"
+        for regime in known
+    ]
     lost = np.mean([forgetting(run["evaluation"]) for run in rows], axis=0)
     return [", ".join(areas), ", ".join(times), ", ".join(f"{x:.0f}" for x in lost)]
 
@@ -143,4 +185,6 @@ def _time(episodes):
 if __name__ == "__main__":
     name, folder = sys.argv[1:]
     content = json.loads((Path(folder) / "results.json").read_text(encoding="utf-8"))
-    (FOLDER / f"{name}.json").write_text(json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8")
+    (FOLDER / f"{name}.json").write_text(
+        json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8"
+    )

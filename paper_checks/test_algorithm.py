@@ -1,6 +1,8 @@
-"""Algorithm 1 and its target networks: what it bootstraps with, what it acts by, and what it adds at the end.
+"""Algorithm 1 and its target networks: what it bootstraps with, what it acts by, and what it adds
+at the end.
 
-The agents are the package's GBDQN with a linear network on one-hot states, a table that converges in a second.
+The agents are the package's GBDQN with a linear network on one-hot states, a table that converges
+in a second.
 """
 
 import numpy as np
@@ -25,12 +27,16 @@ TOLERANCE = 2e-3
 
 
 def new_agent(seed=0, states=STATES, **reading):
-    settings = dict(agent="gbdqn", replay="uniform", hidden=(), capacity=500, lr=0.02, tau=0.1, gamma=GAMMA)
+    settings = dict(
+        agent="gbdqn", replay="uniform", hidden=(), capacity=500, lr=0.02, tau=0.1, gamma=GAMMA
+    )
     return GBDQN(states, ACTIONS, Config(**settings | reading), np.random.default_rng(seed))
 
 
 def ensemble_agent(seed, alphas, **reading):
-    """An agent with random frozen boosters of these α, a random learner in training and a random target of it."""
+    """An agent with random frozen boosters of these α, a random learner in training and a random
+    target of it.
+    """
     agent = new_agent(seed, **reading)
     for alpha in alphas:
         agent.ensemble.add(agent.net.init(agent.rng), alpha)
@@ -40,7 +46,9 @@ def ensemble_agent(seed, alphas, **reading):
 
 
 def targets_used(agent, updates=1):
-    """The y of each training step on one transition, from state 0 by action 1 to 2: learn() returns y − Q(s, a)."""
+    """The y of each training step on one transition, from state 0 by action 1 to 2: learn() returns
+    y − Q(s, a).
+    """
     agent.observe(EYE[0], 1, 1.0, EYE[2], False)
     return [agent.q(EYE[0])[1] + agent.learn()[0] for _ in range(updates)]
 
@@ -48,13 +56,18 @@ def targets_used(agent, updates=1):
 @claim(
     "P2",
     place="section Ensemble Target Networks",
-    says="the target of the ensemble is the weighted sum of its members' targets, and the maximum of that sum counts",
+    says=(
+        "the target of the ensemble is the weighted sum of its members' targets, and the maximum of"
+        " that sum counts"
+    ),
     verdict="holds",
     uses="gbdqn.GBDQN.learn, boosting.Ensemble.add",
 )
 @given(st.integers(0, 10**6), st.lists(st.floats(-2, 2), max_size=3))
 def test_the_target_is_the_maximum_of_the_sum_of_targets(seed, alphas):
-    """y = r + γ max_a' Σ α_j Q̄_j(s', a'). A frozen member is its own target (D3); the learner's has parameters θ̄."""
+    """y = r + γ max_a' Σ α_j Q̄_j(s', a'). A frozen member is its own target (D3); the learner's
+    has parameters θ̄.
+    """
     agent = ensemble_agent(seed, alphas, target="live")
     members = zip([*alphas, agent.alpha], [*agent.ensemble.theta, agent.theta_target], strict=True)
     q_next = sum(alpha * agent.net.forward(theta, EYE)[0][2] for alpha, theta in members)
@@ -64,7 +77,9 @@ def test_the_target_is_the_maximum_of_the_sum_of_targets(seed, alphas):
 
 @control("P2")
 def test_control_the_sum_of_the_maxima_is_another_target():
-    """Negative control: Q̄_1 = (1, 0), Q̄_2 = (0, 1): the sum has the maximum 1, the maxima would have the sum 2."""
+    """Negative control: Q̄_1 = (1, 0), Q̄_2 = (0, 1): the sum has the maximum 1, the maxima would
+    have the sum 2.
+    """
     agent = ensemble_agent(0, [1.0], target="live")
     agent.alpha, agent.ensemble.theta[:], agent.theta_target[:] = 1.0, 0, 0
     for theta, action in ((agent.ensemble.theta[0], 0), (agent.theta_target, 1)):
@@ -76,7 +91,9 @@ def test_control_the_sum_of_the_maxima_is_another_target():
 
 
 def with_and_without_noise(target):
-    """(y of 50 training steps, θ after them), and the same where the learner's target network began elsewhere."""
+    """(y of 50 training steps, θ after them), and the same where the learner's target network began
+    elsewhere.
+    """
     runs = []
     for noise in (0, 1):
         agent = ensemble_agent(0, [1.0], target=target)
@@ -89,13 +106,18 @@ def with_and_without_noise(target):
     "P3",
     place="section Ensemble Target Networks",
     says="residuals are learnt against a bootstrap target that varies slowly",
-    verdict="fails: in Algorithm 1 it stands still, and the target network of h_m is kept up but never asked",
+    verdict=(
+        "fails: in Algorithm 1 it stands still, and the target network of h_m is kept up but never"
+        " asked"
+    ),
     uses="gbdqn.GBDQN.learn",
 )
 def test_the_target_stands_still():
-    """y has only Q̄_{m−1}, all of whose members are frozen: Polyak averaging has nothing to follow in them (D3).
+    """y has only Q̄_{m−1}, all of whose members are frozen: Polyak averaging has nothing to follow
+    in them (D3).
 
-    A target of theirs that still lags behind closes its gap by (1 − τ)^k, as P1 says, whatever is learnt.
+    A target of theirs that still lags behind closes its gap by (1 − τ)^k, as P1 says, whatever is
+    learnt.
     """
     (y, theta), (noisy_y, noisy_theta) = with_and_without_noise("frozen")
     np.testing.assert_allclose(y, y[0], atol=1e-6)
@@ -114,8 +136,12 @@ def test_control_a_live_target_varies():
 
 
 def drifted_bandit(target):
-    """One state, whose actions end the episode; Q = 0 was right when the rewards drift from (0, 0) to (0, 1)."""
-    agent = new_agent(states=1, target=target, loss_on="h", alpha=1.0, behaviour="softmax", temperature=1.0)
+    """One state, whose actions end the episode; Q = 0 was right when the rewards drift from (0, 0)
+    to (0, 1).
+    """
+    agent = new_agent(
+        states=1, target=target, loss_on="h", alpha=1.0, behaviour="softmax", temperature=1.0
+    )
     agent.theta[:] = 0
     agent.on_drift("drift")
     for action in (0, 1):
@@ -135,11 +161,16 @@ def learnt(agent):
     "A1",
     place="Algorithm 1, line 7",
     says="while a booster learns, the agent acts better",
-    verdict="fails: it acts by Q_{m−1}, so nothing that is learnt after a drift changes an action before the next one",
+    verdict=(
+        "fails: it acts by Q_{m−1}, so nothing that is learnt after a drift changes an action"
+        " before the next one"
+    ),
     uses="gbdqn.GBDQN, bellman.softmax_policy",
 )
 def test_the_policy_waits_for_the_last_line():
-    """The booster has found the new rewards, and still both actions are equally likely until it is folded in."""
+    """The booster has found the new rewards, and still both actions are equally likely until it is
+    folded in.
+    """
     agent = drifted_bandit("frozen")
     for _ in range(600):
         assert policy(agent).tolist() == [0.5, 0.5]
@@ -149,12 +180,17 @@ def test_the_policy_waits_for_the_last_line():
     assert np.mean(actions) == pytest.approx(0.5, abs=0.05)
     agent.on_drift("end")
     assert policy(agent)[1] == pytest.approx(1 / (1 + np.exp(-1)), abs=1e-3)
-    shows("two actions, r (0, 0) → (0, 1): π(better) is ½ in all 600 updates, h_m has long converged; folded in 0.731")
+    shows(
+        "two actions, r (0, 0) → (0, 1): π(better) is ½ in all 600 updates, h_m has long converged;"
+        " folded in 0.731"
+    )
 
 
 @control("A1")
 def test_control_a_live_agent_acts_by_what_it_learns():
-    """Negative control: with Q_m in the policy the better action is the more likely one during the stage."""
+    """Negative control: with Q_m in the policy the better action is the more likely one during the
+    stage.
+    """
     agent = drifted_bandit("live")
     for _ in range(600):
         agent.learn()
@@ -162,7 +198,9 @@ def test_control_a_live_agent_acts_by_what_it_learns():
 
 
 def one_call(target):
-    """(Q_{m−1}, Q_m, the MDP) of one call of Algorithm 1: its own behaviour, replay, priorities and weights."""
+    """(Q_{m−1}, Q_m, the MDP) of one call of Algorithm 1: its own behaviour, replay, priorities and
+    weights.
+    """
     agent = new_agent(target=target, loss_on="h", alpha=1.0, behaviour="softmax", replay="recency")
     agent.on_drift("drift")  # Q_{m−1} is a random network
     before, s = agent.q(EYE), 0
@@ -178,20 +216,33 @@ def one_call(target):
 @claim(
     "A2",
     place="Algorithm 1",
-    says="what one call of it makes of Q, with its own actions, priorities and weights: one Bellman backup",
-    verdict="holds if every pair is visited, h_m can fit them all and each has one outcome: no weight matters then",
+    says=(
+        "what one call of it makes of Q, with its own actions, priorities and weights: one Bellman"
+        " backup"
+    ),
+    verdict=(
+        "holds if every pair is visited, h_m can fit them all and each has one outcome: no weight"
+        " matters then"
+    ),
     uses="gbdqn.GBDQN, replay.RecencyReplay, tabular.MDP.bellman",
 )
 def test_one_call_is_one_backup():
-    """Where the fit is exact it is the same under all positive weights, so behaviour and replay drop out."""
+    """Where the fit is exact it is the same under all positive weights, so behaviour and replay
+    drop out.
+    """
     before, after, mdp = one_call("frozen")
     np.testing.assert_allclose(after, mdp.bellman(before), atol=TOLERANCE)
-    shows("4,000 steps by softmax with recency and PER on 3 states and 2 actions: Q_m = 𝒯Q_{m−1} to 0.002")
+    shows(
+        "4,000 steps by softmax with recency and PER on 3 states and 2 actions: Q_m = 𝒯Q_{m−1} to"
+        " 0.002"
+    )
 
 
 @control("A2")
 def test_control_a_live_call_is_no_backup():
-    """Negative control: with the same actions, replay and weights a live target ends at Q*, not at the backup."""
+    """Negative control: with the same actions, replay and weights a live target ends at Q*, not at
+    the backup.
+    """
     before, after, mdp = one_call("live")
     np.testing.assert_allclose(after, mdp.q_star(), atol=TOLERANCE)
     assert np.abs(after - mdp.bellman(before)).max() > 100 * TOLERANCE
@@ -200,7 +251,8 @@ def test_control_a_live_call_is_no_backup():
 @control("A2")
 @pytest.mark.parametrize(("is_exponent", "fitted"), [(0.0, 8.752), (0.5, 4.689), (1.0, 1.0)])
 def test_control_with_two_outcomes_the_priorities_bias_the_backup(is_exponent, fitted):
-    """Negative control: y = 0 nine times in ten and 10 once, Q_{m−1} = 0: the backup is 1, and the fit is not.
+    """Negative control: y = 0 nine times in ten and 10 once, Q_{m−1} = 0: the backup is 1, and the
+    fit is not.
 
     Drawn by P and weighted by w, the booster learns Σ P w y / Σ P w.
     """
@@ -219,7 +271,10 @@ def squares_left(residual, h, alpha):
     "A3",
     place="Algorithm 1, last line",
     says="the booster is added with the step size α_m",
-    verdict="ambiguous: no line computes it; Eq. 8, the shrinkage 0.1 in its place and their product are three steps",
+    verdict=(
+        "ambiguous: no line computes it; Eq. 8, the shrinkage 0.1 in its place and their product"
+        " are three steps"
+    ),
     uses="boosting.closed_form_alpha",
 )
 def test_three_step_sizes_fit_the_last_line():
@@ -228,13 +283,18 @@ def test_three_step_sizes_fit_the_last_line():
     closed = closed_form_alpha(residual, h)
     left = [squares_left(residual, h, alpha) for alpha in (closed, 0.1, 0.1 * closed)]
     assert left == pytest.approx([4.5, 4.82, 4.905], abs=1e-12)
-    shows("r = (2, −1), h = (1, 1): α = ½, 0.1 or 0.05, and Σ (r − α h)² falls from 5 to 4.5, 4.82 or 4.905")
+    shows(
+        "r = (2, −1), h = (1, 1): α = ½, 0.1 or 0.05, and Σ (r − α h)² falls from 5 to 4.5, 4.82 or"
+        " 4.905"
+    )
 
 
 @control("A3")
 @given(st.lists(st.floats(-100, 100).filter(lambda x: abs(x) > 1e-3), min_size=1, max_size=8))
 def test_control_two_of_them_agree_where_the_fit_is_exact(residual):
-    """Negative control: with h = r Eq. 8 gives 1, so 0.1 in its place and 0.1 times it are the same step."""
+    """Negative control: with h = r Eq. 8 gives 1, so 0.1 in its place and 0.1 times it are the same
+    step.
+    """
     residual = np.array(residual)
     assert 0.1 * closed_form_alpha(residual, residual) == pytest.approx(0.1, rel=1e-12)
 
@@ -250,11 +310,16 @@ def learners_after(*events):
     "A4",
     place="section Gradient Boosted DQN",
     says="a booster is added when a drift is detected, and also: at each iteration",
-    verdict="ambiguous: of an error of 1, three drifts leave 0.970, and 600 episodes as iterations 0.0024 (γ = 0.99)",
+    verdict=(
+        "ambiguous: of an error of 1, three drifts leave 0.970, and 600 episodes as iterations"
+        " 0.0024 (γ = 0.99)"
+    ),
     uses="gbdqn.GBDQN.on_drift, gbdqn.GBDQN.learn, tabular.MDP.bellman",
 )
 def test_a_booster_per_drift_is_not_one_per_iteration():
-    """GB-DQN adds one per drift, as in the experiments: no update and no return to the stock physics adds any."""
+    """GB-DQN adds one per drift, as in the experiments: no update and no return to the stock
+    physics adds any.
+    """
     assert learners_after() == 2  # the first one, and the booster of the first drift
     assert learners_after(*[None] * 50, "reset") == 2
     assert learners_after("drift", *[None] * 50, "drift", "reset", None) == 4
@@ -264,18 +329,23 @@ def test_a_booster_per_drift_is_not_one_per_iteration():
         errors.append(Q.item())
     assert [errors[2], errors[-1]] == pytest.approx([0.970299, 0.99**600], abs=1e-12)
     shows(
-        f"three drifts and a reset: 1 + 3 learners. On one loop 𝒯³ leaves {errors[2]:.3f} of 1, 𝒯⁶⁰⁰ {errors[-1]:.4f}"
+        f"three drifts and a reset: 1 + 3 learners. On one loop 𝒯³ leaves {errors[2]:.3f} of 1,"
+        f" 𝒯⁶⁰⁰ {errors[-1]:.4f}"
     )
 
 
 @control("A4")
 def test_control_told_of_a_drift_at_each_iteration_it_adds_one_each():
-    """Negative control: it is the event that counts, so the other reading is the same agent told so each time."""
+    """Negative control: it is the event that counts, so the other reading is the same agent told so
+    each time.
+    """
     assert learners_after(*["drift", None] * 10) == 12
 
 
 def gap_left(episode_length, steps, tau=0.01):
-    """The part of θ − θ̄ that is left after so many steps of Algorithm 1's inner loop, where θ stands still."""
+    """The part of θ − θ̄ that is left after so many steps of Algorithm 1's inner loop, where θ
+    stands still.
+    """
     theta, theta_target = np.ones(1), np.zeros(1)
     for step in range(1, steps + 1):
         if step % episode_length == 0:
@@ -288,7 +358,10 @@ def gap_left(episode_length, steps, tau=0.01):
     "A5",
     place="Algorithm 1, lines 22–26",
     says="the target networks are updated at each step",
-    verdict="fails: the break at the end of an episode comes first, so episodes of one step never update any",
+    verdict=(
+        "fails: the break at the end of an episode comes first, so episodes of one step never"
+        " update any"
+    ),
     uses="optim.polyak, gbdqn.GBDQN.learn",
 )
 def test_the_last_step_of_an_episode_updates_no_target():
@@ -306,7 +379,9 @@ def test_the_last_step_of_an_episode_updates_no_target():
 
 @control("A5")
 def test_control_in_long_episodes_it_hardly_matters():
-    """Negative control: an episode as long as the run loses one update of 1,000, a factor of 1 − τ."""
+    """Negative control: an episode as long as the run loses one update of 1,000, a factor of 1
+    − τ.
+    """
     assert gap_left(1000, 1000) == pytest.approx(gap_left(1001, 1000) / 0.99)
 
 
@@ -322,10 +397,16 @@ def adam_path(grads, scale, max_norm=None):
     "A6",
     place="Algorithm 1, lines 19–21",
     says="a loss without ½, and summed instead of averaged over the batch, trains alike",
-    verdict="holds if Adam makes the step and no gradient is clipped; the descent of line 21 goes 2n times as far",
+    verdict=(
+        "holds if Adam makes the step and no gradient is clipped; the descent of line 21 goes 2n"
+        " times as far"
+    ),
     uses="optim.Adam.step, bellman.loss_gradient",
 )
-@given(st.lists(st.tuples(*[st.floats(0.1, 10)] * 2), min_size=1, max_size=10), st.sampled_from([2, 128]))
+@given(
+    st.lists(st.tuples(*[st.floats(0.1, 10)] * 2), min_size=1, max_size=10),
+    st.sampled_from([2, 128]),
+)
 def test_adam_does_not_see_the_scale_of_the_loss(grads, scale):
     """Adam's step is m̂/(√v̂ + ε), and m̂ and √v̂ both scale with the gradient: only ε tells."""
     grads = np.array(grads)
@@ -339,6 +420,10 @@ def test_adam_does_not_see_the_scale_of_the_loss(grads, scale):
 
 @control("A6")
 def test_control_clipping_sees_it():
-    """Negative control: norms of 5 and ½ are within 10, and 128 times as long ones are both cut to 10."""
+    """Negative control: norms of 5 and ½ are within 10, and 128 times as long ones are both cut to
+    10.
+    """
     grads = np.array([[3.0, 4.0], [-0.3, -0.4]])
-    assert np.abs(adam_path(grads, 128, max_norm=10) - adam_path(grads, 1, max_norm=10)).max() > 0.05
+    assert (
+        np.abs(adam_path(grads, 128, max_norm=10) - adam_path(grads, 1, max_norm=10)).max() > 0.05
+    )

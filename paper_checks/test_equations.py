@@ -38,7 +38,9 @@ def test_the_ensemble_telescopes(seed, m):
         before, theta, alpha = ensemble.q(x), net.init(rng), rng.normal()
         ensemble.add(theta, alpha)
         scale = np.abs(ensemble.terms(x)).sum(0).max()
-        np.testing.assert_allclose(ensemble.q(x), before + alpha * net.forward(theta, x)[0], atol=1e-6 * scale)
+        np.testing.assert_allclose(
+            ensemble.q(x), before + alpha * net.forward(theta, x)[0], atol=1e-6 * scale
+        )
     shows("Q_m = Q_{m−1} + α_m h_m on random ensembles; Q_0 = 0")
 
 
@@ -102,7 +104,9 @@ def test_a_weight_can_be_moved_inside_as_its_root(seed, alpha):
     uses="boosting.closed_form_alpha",
 )
 def test_four_readings_of_the_weighted_fit_differ():
-    """r = (2, −1), w = (¼, 1), constant learners: the constant is the closed-form α of the learner 1."""
+    """r = (2, −1), w = (¼, 1), constant learners: the constant is the closed-form α of the learner
+    1.
+    """
     r, w, one = np.array([2.0, -1.0]), np.array([0.25, 1.0]), np.ones(2)
     fits = [
         closed_form_alpha(r, one),
@@ -111,14 +115,24 @@ def test_four_readings_of_the_weighted_fit_differ():
         closed_form_alpha(np.sqrt(w) * r, one),
     ]
     assert fits == [0.5, -0.4, -0.25, 0.0]
-    shows("r = (2, −1), w = (¼, 1), constants: fitted to r ½, weighted −2/5, to w r −¼, to √w r alone 0")
+    shows(
+        "r = (2, −1), w = (¼, 1), constants: fitted to r ½, weighted −2/5, to w r −¼, to √w r"
+        " alone 0"
+    )
 
 
 @control("M8", "M9")
 def test_control_with_equal_weights_all_agree():
-    """Negative control: for w = 1 the four readings are one, and leaving the root out of h changes nothing."""
+    """Negative control: for w = 1 the four readings are one, and leaving the root out of h changes
+    nothing.
+    """
     r, one = np.array([2.0, -1.0]), np.ones(2)
-    assert closed_form_alpha(r, one) == closed_form_alpha(r, one, one) == closed_form_alpha(one * r, one) == 0.5
+    assert (
+        closed_form_alpha(r, one)
+        == closed_form_alpha(r, one, one)
+        == closed_form_alpha(one * r, one)
+        == 0.5
+    )
     w = np.array([0.25, 1.0])
     assert weighted_loss(np.sqrt(w) * r - one, one) != weighted_loss(r - one, w)
 
@@ -155,7 +169,9 @@ def test_the_closed_form_can_be_negative():
 @control("M2", "M11")
 @given(SEEDS)
 def test_control_a_learner_no_worse_than_none_has_alpha_of_at_least_half(seed):
-    """Negative control: Σ (r − h)² − Σ r² = (1 − 2α) Σ h², so h fits no worse than 0 does just where α ≥ ½."""
+    """Negative control: Σ (r − h)² − Σ r² = (1 − 2α) Σ h², so h fits no worse than 0 does just
+    where α ≥ ½.
+    """
     residual, h, _ = samples(seed)
     alpha = closed_form_alpha(residual, h)
     change = ((residual - h) ** 2).sum() - (residual**2).sum()
@@ -170,13 +186,17 @@ def test_control_a_learner_no_worse_than_none_has_alpha_of_at_least_half(seed):
     uses="boosting.closed_form_alpha, bellman.weighted_loss",
 )
 def test_the_unweighted_alpha_can_raise_the_weighted_loss():
-    """r = (2, −1), w = (¼, 1), the exact weighted fit h = −2/5: twice the mean loss is the sum, 2 → 45/16."""
+    """r = (2, −1), w = (¼, 1), the exact weighted fit h = −2/5: twice the mean loss is the sum, 2 →
+    45/16.
+    """
     r, w, h = np.array([2.0, -1.0]), np.array([0.25, 1.0]), np.full(2, -0.4)
     alpha = closed_form_alpha(r, h)
     assert alpha == pytest.approx(-5 / 4)
     assert 4 * weighted_loss(r, w) == 2
     assert 4 * weighted_loss(r - alpha * h, w) == pytest.approx(float(F(45, 16)))
-    shows("r = (2, −1), w = (¼, 1), h = −2/5: α = −5/4, and the weighted loss rises from 2 to 45/16")
+    shows(
+        "r = (2, −1), w = (¼, 1), h = −2/5: α = −5/4, and the weighted loss rises from 2 to 45/16"
+    )
 
 
 @control("M12")
@@ -227,13 +247,20 @@ def test_the_target_closes_the_gap_geometrically(seed, tau, k):
     start = target.copy()
     for _ in range(k):
         polyak(target, theta, tau)
-    np.testing.assert_allclose(target, (1 - tau) ** k * start + (1 - (1 - tau) ** k) * theta, atol=1e-10)
-    shows("θ̄_k = (1 − τ)^k θ̄_0 + (1 − (1 − τ)^k) θ; at τ = 0.01 half of the gap is left after 69 updates")
+    np.testing.assert_allclose(
+        target, (1 - tau) ** k * start + (1 - (1 - tau) ** k) * theta, atol=1e-10
+    )
+    shows(
+        "θ̄_k = (1 − τ)^k θ̄_0 + (1 − (1 − τ)^k) θ; at τ = 0.01 half of the gap is left after 69"
+        " updates"
+    )
 
 
 @control("P1")
 def test_control_averaged_parameters_are_not_averaged_functions():
-    """Negative control: x ↦ θ₁ θ₂ x with (1, 1) and (−1, −1) is the same function, and their average is 0."""
+    """Negative control: x ↦ θ₁ θ₂ x with (1, 1) and (−1, −1) is the same function, and their
+    average is 0.
+    """
     theta, other = np.array([1.0, 1.0]), np.array([-1.0, -1.0])
     assert theta.prod() == other.prod() == 1
     polyak(theta, other, 0.5)
@@ -256,6 +283,10 @@ def test_a_terminal_transition_must_not_bootstrap():
 
 @control("P4")
 def test_control_with_a_value_of_0_both_agree():
-    """Negative control: the two differ by γ max Q̄ at the terminal state, and by nothing where that is 0."""
+    """Negative control: the two differ by γ max Q̄ at the terminal state, and by nothing where that
+    is 0.
+    """
     r, nothing = np.array([-1.0]), np.zeros((1, 2))
-    assert td_target(r, np.array([True]), nothing, 0.99) == td_target(r, np.array([False]), nothing, 0.99)
+    assert td_target(r, np.array([True]), nothing, 0.99) == td_target(
+        r, np.array([False]), nothing, 0.99
+    )

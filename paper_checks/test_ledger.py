@@ -1,4 +1,6 @@
-"""The ledger itself: every claim has one check and a negative control, and names only what exists."""
+"""The ledger itself: every claim has one check and a negative control, and names only what
+exists.
+"""
 
 import ast
 import importlib
@@ -10,7 +12,11 @@ import pytest
 
 FILES = sorted(Path(__file__).parent.glob("test_*.py"))
 ROWS = ledger.committed()
-CONCORDANCE = ledger.README.read_text(encoding="utf-8").split(ledger.PLACES_BEGIN)[1].split(ledger.PLACES_END)[0]
+CONCORDANCE = (
+    ledger.README.read_text(encoding="utf-8")
+    .split(ledger.PLACES_BEGIN)[1]
+    .split(ledger.PLACES_END)[0]
+)
 
 
 def decorators(name):
@@ -20,7 +26,11 @@ def decorators(name):
             for call in getattr(node, "decorator_list", []):
                 if isinstance(call, ast.Call) and getattr(call.func, "id", "") == name:
                     arguments = call.args + [keyword.value for keyword in call.keywords]
-                    yield path.name, node.name, [ast.literal_eval(argument) for argument in arguments]
+                    yield (
+                        path.name,
+                        node.name,
+                        [ast.literal_eval(argument) for argument in arguments],
+                    )
 
 
 CLAIMS, CONTROLS = list(decorators("claim")), list(decorators("control"))
@@ -62,7 +72,9 @@ def test_every_claim_is_cited_in_a_notebook():
 
 @pytest.mark.parametrize("marker", ledger.PLACES)
 def test_every_numbered_place_has_a_claim_a_function_and_a_notebook(marker):
-    row = next(line for line in CONCORDANCE.splitlines() if line.startswith(f"| {ledger.PLACES[marker]} |"))
+    row = next(
+        line for line in CONCORDANCE.splitlines() if line.startswith(f"| {ledger.PLACES[marker]} |")
+    )
     assert all(cell.strip() for cell in row.split("|")[1:-1])
 
 

@@ -1,4 +1,6 @@
-"""Where the equations can be read in two ways, or say less than the text makes of them: Eqs. 2, 4–7."""
+"""Where the equations can be read in two ways, or say less than the text makes of them: Eqs. 2,
+4–7.
+"""
 
 from fractions import Fraction as F
 
@@ -24,7 +26,9 @@ SEEDS = st.integers(0, 10**6)
 )
 @given(SEEDS)
 def test_the_residual_is_the_negative_gradient(seed):
-    """The loss is quadratic in Q, so a central difference of any width is exact: (L(Q − d) − L(Q + d)) / 2d = r / B."""
+    """The loss is quadratic in Q, so a central difference of any width is exact: (L(Q − d) − L(Q +
+    d)) / 2d = r / B.
+    """
     residual, ones = np.random.default_rng(seed).normal(size=4), np.ones(4)
     gradient = loss_gradient(residual, ones, np.zeros(4, int), 1)[:, 0]
     for i, d in enumerate(np.eye(4)):
@@ -36,7 +40,9 @@ def test_the_residual_is_the_negative_gradient(seed):
 
 @control("M3")
 def test_control_with_a_moving_target_the_slope_is_another():
-    """Negative control: on a loop y = r + γQ moves with Q, and the slope of ½ (y − Q)² is (1 − γ) of it."""
+    """Negative control: on a loop y = r + γQ moves with Q, and the slope of ½ (y − Q)² is (1 − γ)
+    of it.
+    """
     gamma, Q, step = 0.9, 2.0, 1e-6
     residuals = [1 + gamma * q - q for q in (Q - step, Q + step)]
     slope = (residuals[0] ** 2 - residuals[1] ** 2) / (4 * step)
@@ -47,7 +53,9 @@ def test_control_with_a_moving_target_the_slope_is_another():
     "M5",
     place="section Gradient Boosted DQN, after Eq. 3",
     says="the weights of the loss correct the bias of non-uniform sampling",
-    verdict="holds if their exponent is 1, they are not normalised, and nothing that matters has P = 0",
+    verdict=(
+        "holds if their exponent is 1, they are not normalised, and nothing that matters has P = 0"
+    ),
     uses="replay.importance_weights, bellman.weighted_loss",
 )
 @given(SEEDS, st.integers(1, 6))
@@ -62,7 +70,9 @@ def test_the_weighted_loss_is_that_of_uniform_sampling(seed, n):
 
 @control("M5")
 def test_control_what_is_never_drawn_is_never_corrected():
-    """Negative control: with P = (1, 0) the second error, 3, has no part in the expectation: 0 for 9/4."""
+    """Negative control: with P = (1, 0) the second error, 3, has no part in the expectation: 0 for
+    9/4.
+    """
     error = np.array([0.0, 3.0])
     assert 1.0 * weighted_loss(error[[0]], importance_weights(np.array([1.0]), 2, 1.0, None)) == 0
     assert weighted_loss(error, np.ones(2)) == 9 / 4
@@ -72,7 +82,10 @@ def test_control_what_is_never_drawn_is_never_corrected():
     "M6",
     place="Eq. 4",
     says="which ensemble is in the residual",
-    verdict="ambiguous: Q_{m−1} in Eq. 4, its target network in Algorithm 1 and in the text; one, if frozen (D3)",
+    verdict=(
+        "ambiguous: Q_{m−1} in Eq. 4, its target network in Algorithm 1 and in the text; one, if"
+        " frozen (D3)"
+    ),
     uses="bellman.td_target",
 )
 def test_two_ensembles_in_the_residual_give_two_fits():
@@ -100,7 +113,10 @@ def test_control_a_frozen_network_is_its_own_target():
 def test_two_functions_are_called_j_m():
     """One sample with residual 1 and h = 0: ½ against ⅛ for w = ¼."""
     residual = np.array([1.0])
-    assert (weighted_loss(residual, np.ones(1)), weighted_loss(residual, np.array([0.25]))) == (0.5, 0.125)
+    assert (weighted_loss(residual, np.ones(1)), weighted_loss(residual, np.array([0.25]))) == (
+        0.5,
+        0.125,
+    )
     shows("r = 1, h = 0, w = ¼: ½ and ⅛; equal only where w = 1 wherever r ≠ αh")
 
 
@@ -130,7 +146,11 @@ def test_the_minimum_is_not_where_it_is():
 def test_control_they_can_agree_by_chance():
     """Negative control: r = (1, 1), h = (1, 0) has the least value 1, at α = 1."""
     residual, h = np.array([1.0, 1.0]), np.array([1.0, 0.0])
-    assert closed_form_alpha(residual, h) == ((residual - closed_form_alpha(residual, h) * h) ** 2).sum() == 1
+    assert (
+        closed_form_alpha(residual, h)
+        == ((residual - closed_form_alpha(residual, h) * h) ** 2).sum()
+        == 1
+    )
 
 
 @claim(
@@ -142,17 +162,26 @@ def test_control_they_can_agree_by_chance():
 )
 @given(st.fractions(F(1, 20), 1), st.fractions(-9, 9))
 def test_inside_or_outside_is_a_factor_of_eta(eta, residual):
-    """One sample, learners c · 1. Inside: c = r/η, and Q moves by η c = r. Outside: c = r, and Q moves by η r."""
-    inside = closed_form_alpha(np.array([float(residual)]), np.array([float(eta)]))  # the c of min (r − c η)²
+    """One sample, learners c · 1. Inside: c = r/η, and Q moves by η c = r. Outside: c = r, and Q
+    moves by η r.
+    """
+    inside = closed_form_alpha(
+        np.array([float(residual)]), np.array([float(eta)])
+    )  # the c of min (r − c η)²
     outside = closed_form_alpha(np.array([float(residual)]), np.ones(1))
     assert float(eta) * inside == pytest.approx(float(residual), abs=1e-9)
     assert float(eta) * outside == pytest.approx(float(eta * residual), abs=1e-9)
-    shows("residual 3, η = 0.1: inside h = 30 and the whole residual is gone, outside h = 3 and 2.7 is left")
+    shows(
+        "residual 3, η = 0.1: inside h = 30 and the whole residual is gone, outside h = 3 and 2.7"
+        " is left"
+    )
 
 
 @control("M13")
 def test_control_without_shrinkage_the_two_are_one():
-    """Negative control: at η = 1 it does not matter; and of the two at η = 0.1, one leaves 2.7 of 3."""
+    """Negative control: at η = 1 it does not matter; and of the two at η = 0.1, one leaves 2.7 of
+    3.
+    """
     assert closed_form_alpha(np.array([3.0]), np.array([1.0])) == 3
     assert 3 - 0.1 * closed_form_alpha(np.array([3.0]), np.ones(1)) == pytest.approx(2.7)
 
@@ -161,12 +190,17 @@ def test_control_without_shrinkage_the_two_are_one():
     "M14",
     place="section Gradient Boosted DQN, after Eq. 8",
     says="the boosters reduce the residual one after the other",
-    verdict="holds if the target stays frozen; a learner of the same linear class then finds nothing more",
+    verdict=(
+        "holds if the target stays frozen; a learner of the same linear class then finds nothing"
+        " more"
+    ),
     uses="boosting.closed_form_alpha",
 )
 @given(SEEDS)
 def test_a_second_fit_of_the_same_linear_class_is_zero(seed):
-    """What least squares leaves is orthogonal to the whole class, so the next fit is h = 0, and α is 0/0: 0 here."""
+    """What least squares leaves is orthogonal to the whole class, so the next fit is h = 0, and α
+    is 0/0: 0 here.
+    """
     rng = np.random.default_rng(seed)
     features, residual = rng.normal(size=(6, 2)), rng.normal(size=6)
     sizes = [residual @ residual]
@@ -198,7 +232,9 @@ def test_control_a_learner_of_another_class_finds_more():
 )
 @pytest.mark.parametrize("boosts", [1, 4, 40])
 def test_ever_smaller_gains_end_at_a_half(boosts):
-    """h at an angle to r, cos² = 1/(m + 1)²: each leaves 1 − 1/(m + 1)², whose product (m + 2)/(2(m + 1)) → ½."""
+    """h at an angle to r, cos² = 1/(m + 1)²: each leaves 1 − 1/(m + 1)², whose product (m + 2)/(2(m
+    + 1)) → ½.
+    """
     residual = np.array([1.0, 0.0])
     for m in range(1, boosts + 1):
         length, cos = np.sqrt(residual @ residual), 1 / (m + 1)

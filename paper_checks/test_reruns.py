@@ -1,4 +1,6 @@
-"""Our reruns of the paper's tables: the page says what the stored results say, and the results are what a run gives."""
+"""Our reruns of the paper's tables: the page says what the stored results say, and the results are
+what a run gives.
+"""
 
 import json
 import re
@@ -14,8 +16,18 @@ from gbdqn_ref.train import AGENTS, run
 
 PAGE = reruns.FOLDER / "README.md"
 SHORT = reruns.FOLDER / "short.json"
-NAMES = {"dqn": "DQN", "gbdqn": "GB-DQN", "ensemble": "Ensemble", "reset": "Reset", "sliding": "Sliding"}
-PRINTED = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}  # study: the paper's table
+NAMES = {
+    "dqn": "DQN",
+    "gbdqn": "GB-DQN",
+    "ensemble": "Ensemble",
+    "reset": "Reset",
+    "sliding": "Sliding",
+}
+PRINTED = {
+    "acrobot": "Acrobot",
+    "mountaincar": "MountainCar",
+    "hopper": "Hopper",
+}  # study: the paper's table
 OTHERS = [(study, name) for study, readings in reruns.READINGS.items() for name in readings if name]
 CONTROLLED = ["gbdqn", "dqn", "random", "dqn-recency", "gbdqn-per"]
 PART = {  # study: its agents and how many seeds, where they are not all and five
@@ -47,7 +59,9 @@ def test_the_page_has_the_table_that_the_results_give(section, request):
     begin, end = f"<!-- {section} -->\n\n", f"\n<!-- end of {section} -->"
     page, text = PAGE.read_text(encoding="utf-8"), section_table(section)
     if request.config.getoption("--ledger"):
-        PAGE.write_text(page.split(begin)[0] + begin + text + end + page.split(end)[1], encoding="utf-8")
+        PAGE.write_text(
+            page.split(begin)[0] + begin + text + end + page.split(end)[1], encoding="utf-8"
+        )
     else:
         assert page.split(begin)[1].split(end)[0] == text
 
@@ -68,13 +82,23 @@ def test_the_results_are_those_of_the_preset(study):
 def test_the_readings_differ_from_the_preset_by_what_they_say(study, name):
     results = reruns.stored(f"{study}-{name}")
     assert results["settings"] == settings(study, **reruns.READINGS[study][name])
-    assert [row["seed"] for row in results["runs"]] == results["seeds"] == reruns.stored(study)["seeds"]
+    assert (
+        [row["seed"] for row in results["runs"]]
+        == results["seeds"]
+        == reruns.stored(study)["seeds"]
+    )
 
 
 def test_the_longer_hopper_has_something_to_lose_at_its_first_drift():
-    """On every seed DQN's greedy policy is by then well above doing nothing, and that above the random policy (D17)."""
+    """On every seed DQN's greedy policy is by then well above doing nothing, and that above the
+    random policy (D17).
+    """
     before = {
-        agent: [row["evaluation"][0][0] for row in reruns.stored("hopper-long")["runs"] if row["agent"] == agent]
+        agent: [
+            row["evaluation"][0][0]
+            for row in reruns.stored("hopper-long")["runs"]
+            if row["agent"] == agent
+        ]
         for agent in ("dqn", "random")
     }
     nothing = mean_return(lambda: 0, episodes=5)
@@ -86,23 +110,39 @@ def test_the_longer_hopper_has_something_to_lose_at_its_first_drift():
 @pytest.mark.parametrize("env", ["acrobot", "mountaincar", "cartpole"])
 def test_the_random_runs_can_be_repeated_here(env):
     """They use no matrix product, so they give the same numbers on every machine."""
-    stored = [row for row in reruns.stored(env)["runs"] if row["agent"] == "random" and row["seed"] == 0]
+    stored = [
+        row for row in reruns.stored(env)["runs"] if row["agent"] == "random" and row["seed"] == 0
+    ]
     episodes = list(run(Config.preset(env, agent="random", seed=0)))
     assert np.mean([record["return"] for record in episodes[-50:]]) == stored[0]["final_return"]
     assert episodes[-1]["evaluation"] == stored[0]["evaluation"][-1]
 
 
 def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
-    """To the byte where the machine computes alike; elsewhere in its config, columns and all before learning starts."""
-    config = Config(episodes=40, learning_starts=200, hidden=[16], schedule=[{"episode": 20, "length": 2.0}], seed=1)
+    """To the byte where the machine computes alike; elsewhere in its config, columns and all before
+    learning starts.
+    """
+    config = Config(
+        episodes=40,
+        learning_starts=200,
+        hidden=[16],
+        schedule=[{"episode": 20, "length": 2.0}],
+        seed=1,
+    )
     runs.train(config, tmp_path / "run", quiet=True)
     csv = (tmp_path / "run" / "episodes.csv").read_text()
-    made = {"fingerprint": reruns.fingerprint(), "config": config.to_dict(), "episodes.csv": csv.splitlines()}
+    made = {
+        "fingerprint": reruns.fingerprint(),
+        "config": config.to_dict(),
+        "episodes.csv": csv.splitlines(),
+    }
     if request.config.getoption("--ledger"):
         runs.write_json(SHORT, made)
     stored = runs.read_json(SHORT, *made)
     assert stored["config"] == made["config"]
-    untaught = sum(int(line.split(",")[5]) < config.learning_starts for line in made["episodes.csv"][1:])
+    untaught = sum(
+        int(line.split(",")[5]) < config.learning_starts for line in made["episodes.csv"][1:]
+    )
     assert 3 < untaught < 20
     same = None if stored["fingerprint"] == made["fingerprint"] else 1 + untaught
     assert stored["episodes.csv"][:same] == made["episodes.csv"][:same]
@@ -110,7 +150,9 @@ def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
 
 
 def test_control_the_record_has_more_than_what_precedes_learning():
-    """Negative control: another seed of the network's generator gives other lines, before and after learning starts."""
+    """Negative control: another seed of the network's generator gives other lines, before and after
+    learning starts.
+    """
     stored = runs.read_json(SHORT, "config", "episodes.csv")
     other = list(run(Config.from_dict(stored["config"] | {"seed": 2})))
     returns = [float(line.split(",")[3]) for line in stored["episodes.csv"][1:]]
@@ -127,10 +169,14 @@ def test_control_the_table_changes_with_a_result():
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_the_text_states_no_number_that_the_table_does_not_give(section):
-    """Whatever has a decimal or a sign; whole numbers of episodes are in words of the table or of the preset."""
+    """Whatever has a decimal or a sign; whole numbers of episodes are in words of the table or of
+    the preset.
+    """
     page = PAGE.read_text(encoding="utf-8").split(f"<!-- {section} -->")[1]
     table, prose = page.split(f"<!-- end of {section} -->")
     numbers = re.findall(r"[-+]?\d+\.\d+", re.split(r"\n##|<!--", prose)[0])
     assert numbers, "a table without a word on what it says"
     for number in numbers:
-        assert re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", table) or f"-{number} [" in table, number
+        assert (
+            re.search(rf"(?<![\d.]){re.escape(number)}(?![\d.])", table) or f"-{number} [" in table
+        ), number

@@ -1,4 +1,6 @@
-"""The vocabulary of the property tests. Values are plain on purpose: what is extreme is tested by name."""
+"""The vocabulary of the property tests. Values are plain on purpose: what is extreme is tested by
+name.
+"""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -51,4 +53,6 @@ def nets():
 def mdps(draw):
     """MDPs of up to four states and three actions."""
     rng, S, A = draw(rngs()), draw(sizes(4)), draw(sizes(3))
-    return MDP(rng.dirichlet(np.ones(S), size=(S, A)), rng.normal(size=(S, A)), draw(st.floats(0, 0.95)))
+    return MDP(
+        rng.dirichlet(np.ones(S), size=(S, A)), rng.normal(size=(S, A)), draw(st.floats(0, 0.95))
+    )

@@ -15,9 +15,13 @@ from gbdqn_ref.train import Config, episode_seed, evaluate, make_agent, run
 
 READINGS = [
     dict(target=target, alpha=alpha, loss_on=loss_on)
-    for target, alpha, loss_on in itertools.product(("live", "frozen"), (0.1, 1.0, "closed-form"), ("alpha_h", "h"))
+    for target, alpha, loss_on in itertools.product(
+        ("live", "frozen"), (0.1, 1.0, "closed-form"), ("alpha_h", "h")
+    )
 ]
-readings = pytest.mark.parametrize("reading", READINGS, ids=lambda reading: "-".join(map(str, reading.values())))
+readings = pytest.mark.parametrize(
+    "reading", READINGS, ids=lambda reading: "-".join(map(str, reading.values()))
+)
 D, A = 4, 2  # CartPole's
 
 
@@ -63,13 +67,21 @@ def q_now(agent, x, theta=None):
     """Q_m(x), or Q_{m−1}(x) where the learner does not count yet, in float64."""
     counts = agent.config.target == "live" or not len(agent.ensemble)
     theta = agent.theta if theta is None else theta
-    return q_frozen(agent, x) + counts * agent.alpha * agent.net.forward(theta.astype(np.float64), x)[0]
+    return (
+        q_frozen(agent, x)
+        + counts * agent.alpha * agent.net.forward(theta.astype(np.float64), x)[0]
+    )
 
 
 def targets(agent, r, s2, terminated):
     """y = r + γ max Q̄(s'), transition by transition."""
     q_next = q_now(agent, s2, agent.theta_target)
-    return np.array([r[i] + (0 if terminated[i] else agent.config.gamma * max(q_next[i])) for i in range(len(r))])
+    return np.array(
+        [
+            r[i] + (0 if terminated[i] else agent.config.gamma * max(q_next[i]))
+            for i in range(len(r))
+        ]
+    )
 
 
 def next_batch(agent):
@@ -78,7 +90,9 @@ def next_batch(agent):
 
 
 def caught(monkeypatch, owner, name):
-    """The arguments of every call of owner.name from now on, copied; the call itself is made as well."""
+    """The arguments of every call of owner.name from now on, copied; the call itself is made as
+    well.
+    """
     calls, original = [], getattr(owner, name)
 
     def spy(*args):
@@ -93,14 +107,26 @@ def state_bytes(agent):
     return {name: array.tobytes() for name, array in checkpoint.state(agent).items()}
 
 
-# --- the first learner -----------------------------------------------------------------------------------------------
+# --- the first learner ----------------------------------------------------------------------------
 
 
 @readings
 def test_before_the_first_drift_gbdqn_is_dqn_with_its_replay_under_every_reading(reading):
-    """To the byte: after a few hundred steps of training the two have the same θ, θ̄, Adam, replay and generator."""
-    common = dict(replay="recency", episodes=12, learning_starts=50, hidden=(16,), capacity=150, update_every=2, seed=5)
-    dqn, gbdqn = (make_agent(Config(agent=agent, **common, **reading)) for agent in ("dqn", "gbdqn"))
+    """To the byte: after a few hundred steps of training the two have the same θ, θ̄, Adam, replay
+    and generator.
+    """
+    common = dict(
+        replay="recency",
+        episodes=12,
+        learning_starts=50,
+        hidden=(16,),
+        capacity=150,
+        update_every=2,
+        seed=5,
+    )
+    dqn, gbdqn = (
+        make_agent(Config(agent=agent, **common, **reading)) for agent in ("dqn", "gbdqn")
+    )
     records = [[repr(record) for record in run(agent.config, agent)] for agent in (dqn, gbdqn)]
     assert records[0] == records[1] and dqn.steps > 200
     ours = state_bytes(gbdqn)
@@ -108,7 +134,7 @@ def test_before_the_first_drift_gbdqn_is_dqn_with_its_replay_under_every_reading
     assert not gbdqn.q_frozen.any() and not gbdqn.q_frozen_next.any() and gbdqn.alpha == 1.0
 
 
-# --- drifts ----------------------------------------------------------------------------------------------------------
+# --- drifts ---------------------------------------------------------------------------------------
 
 
 @readings
@@ -124,7 +150,9 @@ def test_a_drift_adds_a_booster_and_a_reset_none(reading):
 
 
 def test_in_a_run_every_drift_of_the_schedule_adds_a_booster():
-    schedule = [{"episode": k, "length": 1.0 + k} for k in (2, 3, 6)] + [{"episode": 7, "reset": True}]
+    schedule = [{"episode": k, "length": 1.0 + k} for k in (2, 3, 6)] + [
+        {"episode": 7, "reset": True}
+    ]
     config = Config(episodes=9, hidden=(4,), capacity=50, learning_starts=10, schedule=schedule)
     agent = make_agent(config)
     assert [len(agent.ensemble) for _ in run(config, agent)] == [0, 0, 1, 2, 2, 2, 3, 3, 3]
@@ -149,7 +177,9 @@ def test_a_frozen_booster_never_changes_again(reading):
     assert (agent.ensemble.theta.tobytes(), agent.ensemble.alpha.tobytes()) == (theta, alpha)
     agent.on_drift("drift")
     feed(agent, 10, seed=2)
-    assert agent.ensemble.theta[:1].tobytes() == theta and agent.ensemble.alpha[:1].tobytes() == alpha
+    assert (
+        agent.ensemble.theta[:1].tobytes() == theta and agent.ensemble.alpha[:1].tobytes() == alpha
+    )
 
 
 def test_freezing_takes_a_copy():
@@ -200,23 +230,31 @@ def test_a_new_booster_starts_anew(reading):
 
 def test_the_replay_is_kept_when_a_booster_is_added():
     agent = boosted(boosters=1)
-    before = {name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")}
+    before = {
+        name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")
+    }
     agent.on_drift("drift")
-    assert {name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")} == before
+    assert {
+        name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")
+    } == before
 
 
-# --- cached predictions ----------------------------------------------------------------------------------------------
+# --- cached predictions ---------------------------------------------------------------------------
 
 
 def assert_cache_is_fresh(agent):
     replay, n = agent.replay, len(agent.replay)
     fresh, fresh_next = q_frozen(agent, replay.s[:n]), q_frozen(agent, replay.s2[:n])
-    np.testing.assert_allclose(agent.q_frozen[:n], fresh[np.arange(n), replay.a[:n]], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        agent.q_frozen[:n], fresh[np.arange(n), replay.a[:n]], rtol=1e-4, atol=1e-5
+    )
     np.testing.assert_allclose(agent.q_frozen_next[:n], fresh_next, rtol=1e-4, atol=1e-5)
 
 
 @readings
-@pytest.mark.parametrize("n", [7, 33, 95])  # of a capacity of 40: not full, nearly full, twice around
+@pytest.mark.parametrize(
+    "n", [7, 33, 95]
+)  # of a capacity of 40: not full, nearly full, twice around
 def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
     agent = agent_of(**reading)
     for stage in range(4):
@@ -228,7 +266,10 @@ def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.lists(st.one_of(st.integers(1, 60), st.sampled_from(["drift", "reset"])), max_size=8), st.booleans())
+@given(
+    st.lists(st.one_of(st.integers(1, 60), st.sampled_from(["drift", "reset"])), max_size=8),
+    st.booleans(),
+)
 def test_the_cache_stays_fresh_whatever_happens(events, live):
     agent = agent_of(capacity=30, hidden=(4,), target="live" if live else "frozen")
     for i, event in enumerate(events):
@@ -271,19 +312,29 @@ def test_an_answer_may_be_written_over_by_its_receiver(target):
     assert np.array_equal(agent.q(s), expected)
 
 
-# --- α ---------------------------------------------------------------------------------------------------------------
+# --- α --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
 @pytest.mark.parametrize("target", ["live", "frozen"])
 @pytest.mark.parametrize("n", [20, 60])  # the buffer holds 40
 def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
-    agent = agent_of(alpha="closed-form", target=target, replay=replay, is_exponent=0.7, mix=0.5, recency_rate=0.05)
+    agent = agent_of(
+        alpha="closed-form",
+        target=target,
+        replay=replay,
+        is_exponent=0.7,
+        mix=0.5,
+        recency_rate=0.05,
+    )
     feed(agent, 15)
     agent.on_drift("drift")
     feed(agent, n, seed=1)
     buffer, size = agent.replay, len(agent.replay)
-    h, h_next = (agent.net.forward(agent.theta.astype(np.float64), x[:size])[0] for x in (buffer.s, buffer.s2))
+    h, h_next = (
+        agent.net.forward(agent.theta.astype(np.float64), x[:size])[0]
+        for x in (buffer.s, buffer.s2)
+    )
     q, q_next = q_frozen(agent, buffer.s[:size]), q_frozen(agent, buffer.s2[:size])
     P, above, below = buffer.probabilities(), 0.0, 0.0
     for i in range(size):
@@ -313,7 +364,7 @@ def test_a_booster_that_has_learnt_nothing_gets_weight_0():
     assert closed_form_alpha(np.ones(3), np.zeros(3)) == 0.0
 
 
-# --- the loss --------------------------------------------------------------------------------------------------------
+# --- the loss -------------------------------------------------------------------------------------
 
 
 def numerical_gradient(f, theta, eps=1e-6):
@@ -353,14 +404,20 @@ def test_dqn_follows_the_gradient_of_its_loss(monkeypatch):
     batch, gamma = next_batch(agent), agent.config.gamma
     taken = np.arange(len(batch.a)), batch.a
     q_next = agent.net.forward(agent.theta_target.astype(np.float64), batch.s2)[0]
-    y = [r + (0 if ends else gamma * max(q)) for r, ends, q in zip(batch.r, batch.terminated, q_next, strict=True)]
+    y = [
+        r + (0 if ends else gamma * max(q))
+        for r, ends, q in zip(batch.r, batch.terminated, q_next, strict=True)
+    ]
 
     def loss(theta):
         return np.mean(0.5 * batch.weight * (y - agent.net.forward(theta, batch.s)[0][taken]) ** 2)
 
     expected = numerical_gradient(loss, agent.theta.astype(np.float64))
     error = y - agent.net.forward(agent.theta.astype(np.float64), batch.s)[0][taken]
-    calls, noted = caught(monkeypatch, Adam, "step"), caught(monkeypatch, agent.replay, "update_priorities")
+    calls, noted = (
+        caught(monkeypatch, Adam, "step"),
+        caught(monkeypatch, agent.replay, "update_priorities"),
+    )
     np.testing.assert_allclose(agent.learn(), error, rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(calls[0][2], expected, rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(noted[0][1], error, rtol=1e-3, atol=1e-5)
@@ -385,7 +442,9 @@ def test_the_target_network_glides_after_the_network_at_each_update(agent):
     feed(learner, 20)
     before = learner.theta_target.copy()
     learner.learn()
-    np.testing.assert_allclose(learner.theta_target, 0.75 * before + 0.25 * learner.theta, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(
+        learner.theta_target, 0.75 * before + 0.25 * learner.theta, rtol=1e-5, atol=1e-7
+    )
 
 
 @pytest.mark.parametrize("boosters", [0, 1, 2])
@@ -403,7 +462,7 @@ def test_priorities_follow_the_error_of_the_q_function_in_use(monkeypatch, readi
     assert np.array_equal(returned, noted[0][1])
 
 
-# --- acting ----------------------------------------------------------------------------------------------------------
+# --- acting ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("boosters", [0, 1, 3])
@@ -470,7 +529,9 @@ def test_a_run_ends_with_the_last_booster_folded_in():
     assert len(agent.ensemble) == 2
 
 
-@pytest.mark.parametrize("values", [dict(agent="dqn"), *READINGS[:1], *READINGS[-1:], dict(behaviour="softmax")])
+@pytest.mark.parametrize(
+    "values", [dict(agent="dqn"), *READINGS[:1], *READINGS[-1:], dict(behaviour="softmax")]
+)
 def test_the_greedy_action_is_the_best_and_uses_no_random_number(values):
     agent = agent_of(**values)
     feed(agent, 20)
@@ -492,11 +553,15 @@ def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
 
 
 def test_a_run_with_the_softmax_policy_is_a_run():
-    records = list(run(Config(episodes=4, behaviour="softmax", learning_starts=10, hidden=(4,), capacity=60)))
+    records = list(
+        run(Config(episodes=4, behaviour="softmax", learning_starts=10, hidden=(4,), capacity=60))
+    )
     assert len(records) == 4 and {record["epsilon"] for record in records} == {0.0}
 
 
-@pytest.mark.parametrize(("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)])  # of the action that is not the best
+@pytest.mark.parametrize(
+    ("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)]
+)  # of the action that is not the best
 def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
     agent = agent_of(agent="dqn", epsilon_start=1.0, epsilon_end=0.2, epsilon_decay_steps=100)
     agent.steps, s = steps, states(1)[0]
@@ -504,15 +569,19 @@ def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
     assert np.mean([agent.act(s) != best for _ in range(4000)]) == pytest.approx(share, abs=0.03)
 
 
-# --- the loop --------------------------------------------------------------------------------------------------------
+# --- the loop -------------------------------------------------------------------------------------
 
 
 def test_a_time_limit_is_no_termination():
-    config = Config(env="mountaincar", episodes=1, learning_starts=10_000, hidden=(4,), capacity=300)
+    config = Config(
+        env="mountaincar", episodes=1, learning_starts=10_000, hidden=(4,), capacity=300
+    )
     agent = make_agent(config)
     (record,) = run(config, agent)
     assert record["length"] == 200, "a random policy runs into the limit"
-    assert len(agent.replay) == 200 and not agent.replay.terminated.any()  # catches terminated or truncated
+    assert (
+        len(agent.replay) == 200 and not agent.replay.terminated.any()
+    )  # catches terminated or truncated
     assert (agent.replay.s[1:200] == agent.replay.s2[:199]).all()
 
 
@@ -524,16 +593,28 @@ def test_a_fallen_pole_is_a_termination_of_its_last_transition_only():
 
 
 def test_updates_begin_and_recur_when_the_config_says():
-    config = Config(episodes=6, learning_starts=30, update_every=5, gradient_steps=3, hidden=(4,), capacity=99, tau=0)
+    config = Config(
+        episodes=6,
+        learning_starts=30,
+        update_every=5,
+        gradient_steps=3,
+        hidden=(4,),
+        capacity=99,
+        tau=0,
+    )
     agent = make_agent(config)
     steps = [record["steps"] for record in run(config, agent)][-1]
-    assert agent.adam.t == 3 * len([step for step in range(1, steps + 1) if step >= 30 and step % 5 == 0])
+    assert agent.adam.t == 3 * len(
+        [step for step in range(1, steps + 1) if step >= 30 and step % 5 == 0]
+    )
 
 
 def test_agents_with_one_seed_meet_the_same_starts_and_others_others():
     firsts = {}
     for agent, seed in (("dqn", 0), ("gbdqn", 0), ("gbdqn", 1)):
-        config = Config(agent=agent, seed=seed, episodes=3, learning_starts=10, hidden=(4,), capacity=500)
+        config = Config(
+            agent=agent, seed=seed, episodes=3, learning_starts=10, hidden=(4,), capacity=500
+        )
         learner = make_agent(config)
         ends = [0, *(record["steps"] for record in run(config, learner))][:-1]
         firsts[agent, seed] = learner.replay.s[ends].tobytes()

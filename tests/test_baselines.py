@@ -1,4 +1,6 @@
-"""The baselines and controls: each differs from DQN, or from GB-DQN, in what its name says and in nothing else."""
+"""The baselines and controls: each differs from DQN, or from GB-DQN, in what its name says and in
+nothing else.
+"""
 
 import copy
 
@@ -15,8 +17,20 @@ from gbdqn_ref.optim import Adam
 from gbdqn_ref.replay import ProportionalReplay, RecencyReplay
 from gbdqn_ref.train import AGENTS, Config, make_agent, run
 
-SCHEDULE = [{"episode": 4, "length": 2.0}, {"episode": 7, "gravity": 2.0}, {"episode": 10, "reset": True}]
-SMALL = dict(episodes=12, hidden=(6,), capacity=90, window=30, batch_size=8, learning_starts=20, schedule=SCHEDULE)
+SCHEDULE = [
+    {"episode": 4, "length": 2.0},
+    {"episode": 7, "gravity": 2.0},
+    {"episode": 10, "reset": True},
+]
+SMALL = dict(
+    episodes=12,
+    hidden=(6,),
+    capacity=90,
+    window=30,
+    batch_size=8,
+    learning_starts=20,
+    schedule=SCHEDULE,
+)
 D, A = 4, 2  # CartPole's
 every_agent = pytest.mark.parametrize("agent", AGENTS)
 drifts = pytest.mark.parametrize("event", ["drift", "reset"])
@@ -41,7 +55,11 @@ def states(n=30):
 
 
 def state_bytes(agent, prefix=""):
-    return {name: array.tobytes() for name, array in checkpoint.state(agent).items() if name.startswith(prefix)}
+    return {
+        name: array.tobytes()
+        for name, array in checkpoint.state(agent).items()
+        if name.startswith(prefix)
+    }
 
 
 def trained(config):
@@ -53,18 +71,25 @@ def trained(config):
 def gradients(monkeypatch):
     """What Adam is given from now on."""
     calls, step = [], Adam.step
-    monkeypatch.setattr(Adam, "step", lambda adam, theta, grad: (calls.append(grad), step(adam, theta, grad)))
+    monkeypatch.setattr(
+        Adam, "step", lambda adam, theta, grad: (calls.append(grad), step(adam, theta, grad))
+    )
     return calls
 
 
-# --- all of them -----------------------------------------------------------------------------------------------------
+# --- all of them ----------------------------------------------------------------------------------
 
 
 def test_every_agent_can_be_chosen_and_drawn():
     assert tuple(AGENTS) == CHOICES["agent"] and set(AGENTS) < set(plots.NAMES)
     assert set(plots.COLOURS) == set(plots.MARKS) == set(AGENTS)
     looks = [(plots.COLOURS[agent], plots.LINES.get(agent, "-")) for agent in AGENTS]
-    assert len(set(looks)) == len(set(plots.MARKS.values())) == len({plots.NAMES[agent] for agent in AGENTS}) == 9
+    assert (
+        len(set(looks))
+        == len(set(plots.MARKS.values()))
+        == len({plots.NAMES[agent] for agent in AGENTS})
+        == 9
+    )
 
 
 @every_agent
@@ -118,40 +143,64 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
     feed(learner, 30)
     learner.on_drift("drift")
     before = state_bytes(learner)
-    assert [learner.act(s, greedy=True) for s in states()] == learner.q(states()).argmax(-1).tolist()
+    assert [learner.act(s, greedy=True) for s in states()] == learner.q(states()).argmax(
+        -1
+    ).tolist()
     assert state_bytes(learner) == before
 
 
 @pytest.mark.parametrize(
-    ("control", "agent", "replay"), [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")]
+    ("control", "agent", "replay"),
+    [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")],
 )
 def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, replay):
     (records, one), (same, other) = (
-        trained(Config(**values, **SMALL)) for values in (dict(agent=control), dict(agent=agent, replay=replay))
+        trained(Config(**values, **SMALL))
+        for values in (dict(agent=control), dict(agent=agent, replay=replay))
     )
     assert records == same and state_bytes(one) == state_bytes(other)
-    assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(replay, ProportionalReplay)
+    assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(
+        replay, ProportionalReplay
+    )
     assert records != trained(Config(agent=agent, **SMALL))[0]
 
 
 def test_all_of_them_can_be_compared(tmp_path, capsys):
-    values = ["episodes=4", "learning_starts=20", "hidden=[4]", 'schedule=[{"episode": 2, "length": 2}]']
+    values = [
+        "episodes=4",
+        "learning_starts=20",
+        "hidden=[4]",
+        'schedule=[{"episode": 2, "length": 2}]',
+    ]
     settings = [part for value in values for part in ("--set", value)]
-    command = ["compare", "--agents", ",".join(AGENTS), *settings, "--out", str(tmp_path), "--quiet"]
+    command = [
+        "compare",
+        "--agents",
+        ",".join(AGENTS),
+        *settings,
+        "--out",
+        str(tmp_path),
+        "--quiet",
+    ]
     assert main(command) == 0
-    header = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("regime"))
+    header = next(
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("regime")
+    )
     columns = header.replace("drop", "").replace("recovery", "").split("  ")
-    assert [column.strip() for column in columns if column.strip()][1:] == [plots.NAMES[agent] for agent in AGENTS]
+    assert [column.strip() for column in columns if column.strip()][1:] == [
+        plots.NAMES[agent] for agent in AGENTS
+    ]
     assert all((tmp_path / agent / "summary.json").exists() for agent in AGENTS)
 
 
-# --- the ensemble ----------------------------------------------------------------------------------------------------
+# --- the ensemble ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
 def test_an_ensemble_of_one_is_dqn(replay):
     (records, one), (same, dqn) = (
-        trained(Config(agent=agent, members=1, replay=replay, **SMALL)) for agent in ("ensemble", "dqn")
+        trained(Config(agent=agent, members=1, replay=replay, **SMALL))
+        for agent in ("ensemble", "dqn")
     )
     assert records == same and one.steps > 100
     ours = state_bytes(one)
@@ -162,7 +211,9 @@ def test_an_ensemble_of_one_is_dqn(replay):
 @given(st.integers(2, 6), st.integers(0, 99))
 def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
     ensemble, dqn = (agent_of(agent, members=members, seed=seed) for agent in ("ensemble", "dqn"))
-    assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(ensemble.theta[0], dqn.theta)
+    assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(
+        ensemble.theta[0], dqn.theta
+    )
     for k in range(members):
         assert not (ensemble.theta[k] == np.delete(ensemble.theta, k, 0)).any()
     assert np.array_equal(ensemble.theta, ensemble.theta_target)
@@ -172,20 +223,26 @@ def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
 def test_the_q_function_is_the_mean_of_the_members():
     agent = agent_of("ensemble", members=3)
     feed(agent, 30)
-    expected = sum(agent.net.forward(theta.astype(np.float64), states())[0] for theta in agent.theta) / 3
+    expected = (
+        sum(agent.net.forward(theta.astype(np.float64), states())[0] for theta in agent.theta) / 3
+    )
     np.testing.assert_allclose(agent.q(states()), expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose([agent.q(s) for s in states()], expected, rtol=1e-5, atol=1e-6)
     assert agent.q(states(6).reshape(2, 3, D)).shape == (2, 3, A)
 
 
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
-def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(monkeypatch, bootstrap):
+def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
+    monkeypatch, bootstrap
+):
     """The same sums one member after the other, one transition after the other, in float64."""
     agent = agent_of("ensemble", members=3, bootstrap=bootstrap, max_grad_norm=0.05)
     feed(agent, 60)
     batch, before = agent.replay.sample(8, copy.deepcopy(agent.rng)), agent.theta.astype(np.float64)
     forward, target = agent.net.forward, agent.theta_target.copy()
-    q_next = np.mean([forward(theta.astype(np.float64), batch.s2)[0] for theta in agent.theta_target], 0)
+    q_next = np.mean(
+        [forward(theta.astype(np.float64), batch.s2)[0] for theta in agent.theta_target], 0
+    )
     y = [batch.r[i] + (0 if batch.terminated[i] else 0.99 * max(q_next[i])) for i in range(8)]
     expected, q = [], np.zeros((3, 8))
     for k in range(3):
@@ -197,12 +254,20 @@ def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(mon
         grad = agent.net.backward(before[k], cache, dq)
         expected.append(grad * min(1, 0.05 / np.linalg.norm(grad)))
     calls, noted = gradients(monkeypatch), []
-    monkeypatch.setattr(agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta)))
+    monkeypatch.setattr(
+        agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta))
+    )
     delta = agent.learn()
     np.testing.assert_allclose(calls[0], expected, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(delta, y - q.mean(0), rtol=1e-3, atol=1e-5)
-    assert delta.shape == (8,) and np.array_equal(noted[0][1], delta) and np.array_equal(noted[0][0], batch.index)
-    np.testing.assert_allclose(agent.theta_target, 0.99 * target + 0.01 * agent.theta, rtol=1e-5, atol=1e-7)
+    assert (
+        delta.shape == (8,)
+        and np.array_equal(noted[0][1], delta)
+        and np.array_equal(noted[0][0], batch.index)
+    )
+    np.testing.assert_allclose(
+        agent.theta_target, 0.99 * target + 0.01 * agent.theta, rtol=1e-5, atol=1e-7
+    )
 
 
 @settings(max_examples=20, deadline=None)
@@ -233,7 +298,7 @@ def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
     assert agent.seen.all() and agent.rng.bit_generator.state == before
 
 
-# --- what happens at a drift -----------------------------------------------------------------------------------------
+# --- what happens at a drift ----------------------------------------------------------------------
 
 
 @drifts
@@ -243,8 +308,12 @@ def test_a_reset_starts_anew_and_keeps_the_replay(event):
     theta, replay, epsilon = agent.theta.copy(), state_bytes(agent, "replay."), agent.epsilon
     agent.on_drift(event)
     assert state_bytes(agent, "replay.") == replay and agent.epsilon == epsilon
-    assert not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2  # U(±1/√4) at the most
-    assert np.array_equal(agent.theta, agent.theta_target) and not np.shares_memory(agent.theta, agent.theta_target)
+    assert (
+        not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2
+    )  # U(±1/√4) at the most
+    assert np.array_equal(agent.theta, agent.theta_target) and not np.shares_memory(
+        agent.theta, agent.theta_target
+    )
     assert agent.adam.t == 0 and not agent.adam.m.any() and not agent.adam.v.any()
     feed(agent, 5)
     assert agent.adam.t == 5
@@ -284,7 +353,9 @@ def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
     agent.on_drift("reset")
     learnt = agent.theta.copy()
     feed(agent, 1)
-    assert not np.array_equal(agent.theta, learnt), "a return to the stock physics is not the first drift"
+    assert not np.array_equal(agent.theta, learnt), (
+        "a return to the stock physics is not the first drift"
+    )
     frozen, s = agent.theta.copy(), states(1)[0]
     for event in ("drift", "drift", "reset"):
         agent.on_drift(event)
@@ -293,7 +364,7 @@ def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
     assert {agent.act(s) for _ in range(60)} == {0, 1}
 
 
-# --- the others ------------------------------------------------------------------------------------------------------
+# --- the others -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("window", "capacity"), [(1, 90), (25, 90), (90, 25)])
@@ -311,7 +382,9 @@ def test_a_sliding_window_holds_the_last_transitions_and_no_more(window, capacit
 
 
 def test_a_sliding_window_as_wide_as_the_replay_is_dqn():
-    (records, _), (same, _) = (trained(Config(agent=a, **SMALL | dict(window=90))) for a in ("sliding", "dqn"))
+    (records, _), (same, _) = (
+        trained(Config(agent=a, **SMALL | dict(window=90))) for a in ("sliding", "dqn")
+    )
     assert records == same != trained(Config(agent="sliding", **SMALL))[0]
 
 
@@ -323,4 +396,6 @@ def test_the_random_policy_is_even_and_learns_nothing():
     assert np.isnan([record["td_error"] for record in records]).all()
     assert records[-1]["steps"] == agent.steps == sum(record["length"] for record in records)
     for greedy in (False, True):
-        assert np.mean([agent.act(None, greedy) for _ in range(4000)]) == pytest.approx(0.5, abs=0.03)
+        assert np.mean([agent.act(None, greedy) for _ in range(4000)]) == pytest.approx(
+            0.5, abs=0.03
+        )

@@ -23,24 +23,39 @@ temperatures = positives()
 def test_td_targets_by_hand():
     r, terminated = np.array([1.0, -1.0, 0.0]), np.array([False, False, True])
     q_next = np.array([[2.0, 10.0], [-3.0, -7.0], [50.0, 60.0]])
-    assert td_target(r, terminated, q_next, 0.5).tolist() == [6.0, -2.5, 0.0]  # 1 + 10/2, −1 − 3/2, 0
+    assert td_target(r, terminated, q_next, 0.5).tolist() == [
+        6.0,
+        -2.5,
+        0.0,
+    ]  # 1 + 10/2, −1 − 3/2, 0
 
 
 @pytest.mark.parametrize("value", [1e30, np.inf, np.nan])
 def test_nothing_is_bootstrapped_from_a_termination(value):
     """Catches (1 − terminated) · q, which makes NaN of 0 · ∞."""
     q_next = np.full((2, 3), value)
-    assert td_target(np.array([-1.0, 2.0]), np.array([True, True]), q_next, 0.99).tolist() == [-1.0, 2.0]
+    assert td_target(np.array([-1.0, 2.0]), np.array([True, True]), q_next, 0.99).tolist() == [
+        -1.0,
+        2.0,
+    ]
 
 
 @given(rngs(), sizes(6), sizes(3))
 def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
-    q, y, weight, a = rng.normal(size=(B, A)), rng.normal(size=B), rng.random(B), rng.integers(A, size=B)
+    q, y, weight, a = (
+        rng.normal(size=(B, A)),
+        rng.normal(size=B),
+        rng.random(B),
+        rng.integers(A, size=B),
+    )
 
     def loss(q):
         return weighted_loss(y - q[np.arange(B), a], weight)
 
-    expected, step = np.empty((B, A)), 1e-4  # the loss is quadratic: any step is exact but for rounding
+    expected, step = (
+        np.empty((B, A)),
+        1e-4,
+    )  # the loss is quadratic: any step is exact but for rounding
     for i in np.ndindex(B, A):
         up, down = q.copy(), q.copy()
         up[i] += step
@@ -51,12 +66,18 @@ def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
 
 
 def test_each_member_of_a_stack_has_a_gradient_of_its_own():
-    error, weight, a = np.array([[1.0, -2.0], [3.0, 4.0]]), np.array([[0.5, 1.0], [0.0, 1.0]]), np.array([1, 0])
+    error, weight, a = (
+        np.array([[1.0, -2.0], [3.0, 4.0]]),
+        np.array([[0.5, 1.0], [0.0, 1.0]]),
+        np.array([1, 0]),
+    )
     assert loss_gradient(error, weight, a, 2).tolist() == [[[0, -0.25], [1, 0]], [[0, 0], [-2, 0]]]
 
 
 def test_the_loss_by_hand():
-    assert weighted_loss(np.array([2.0, -4.0]), np.array([1.0, 0.5])) == 3.0  # (½ · 1 · 4 + ½ · ½ · 16) / 2
+    assert (
+        weighted_loss(np.array([2.0, -4.0]), np.array([1.0, 0.5])) == 3.0
+    )  # (½ · 1 · 4 + ½ · ½ · 16) / 2
 
 
 def test_each_weight_stays_with_its_sample():
@@ -100,11 +121,17 @@ def test_float32_stays_float32():
 
 
 @given(qs, temperatures, reals(), positives())
-def test_softmax_knows_differences_of_q_in_units_of_the_temperature_only(q, temperature, shift, factor):
+def test_softmax_knows_differences_of_q_in_units_of_the_temperature_only(
+    q, temperature, shift, factor
+):
     policy = softmax_policy(q, temperature)
     np.testing.assert_allclose(policy.sum(), 1)
-    np.testing.assert_allclose(softmax_policy(q + shift, temperature), policy, rtol=1e-7, atol=1e-12)
-    np.testing.assert_allclose(softmax_policy(factor * q, factor * temperature), policy, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(
+        softmax_policy(q + shift, temperature), policy, rtol=1e-7, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        softmax_policy(factor * q, factor * temperature), policy, rtol=1e-7, atol=1e-12
+    )
 
 
 @given(qs, temperatures)
@@ -117,7 +144,9 @@ def test_softmax_keeps_the_order_and_gives_up_no_more_than_the_entropy(q, temper
 
 @given(matrices(3, 2), temperatures)
 def test_softmax_is_over_the_last_axis(q, temperature):
-    np.testing.assert_allclose(softmax_policy(q, temperature), [softmax_policy(row, temperature) for row in q])
+    np.testing.assert_allclose(
+        softmax_policy(q, temperature), [softmax_policy(row, temperature) for row in q]
+    )
 
 
 @pytest.mark.parametrize("temperature", [1e-3, 1e-9, 1e-100])
@@ -142,7 +171,10 @@ def test_epsilon_goes_straight_from_start_to_end_and_stays(start, end, decay_ste
 
 def chi_square(draw, probabilities, n=20_000):
     """Σ (observed − expected)² / expected of n draws."""
-    observed, expected = np.bincount([draw() for _ in range(n)], minlength=len(probabilities)), n * probabilities
+    observed, expected = (
+        np.bincount([draw() for _ in range(n)], minlength=len(probabilities)),
+        n * probabilities,
+    )
     return ((observed - expected) ** 2 / expected).sum()
 
 

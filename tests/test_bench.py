@@ -1,4 +1,6 @@
-"""The benchmark runs, and what it compares is comparable. No test here, or anywhere, asserts a speed."""
+"""The benchmark runs, and what it compares is comparable. No test here, or anywhere, asserts a
+speed.
+"""
 
 import platform
 import subprocess
@@ -22,13 +24,25 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys):
     labels = [f"{agent}, {kind} replay" for agent in ("gbdqn", "dqn") for kind in bench.REPLAYS]
     for label in [*labels, *(set(AGENTS) - {"gbdqn", "dqn"})]:
         assert printed.count(f"  {label}\n") == len(bench.STOCK)
-    for label in ("m = 0", "m = 1", "recency, N = 1,000", "acrobot, stock", "α = closed-form", "ε-greedy", "gbdqn_ref"):
+    for label in (
+        "m = 0",
+        "m = 1",
+        "recency, N = 1,000",
+        "acrobot, stock",
+        "α = closed-form",
+        "ε-greedy",
+        "gbdqn_ref",
+    ):
         assert f"  {label}" in printed
     assert ("pip install -e '.[peers]'" in printed) == (not peers.installed())
-    assert out.read_bytes().startswith(b"\x89PNG") and [path.name for path in out.parent.iterdir()] == ["bench.png"]
+    assert out.read_bytes().startswith(b"\x89PNG") and [
+        path.name for path in out.parent.iterdir()
+    ] == ["bench.png"]
 
 
-def test_a_folder_in_the_place_of_the_picture_is_refused_before_anything_is_measured(tmp_path, capsys, monkeypatch):
+def test_a_folder_in_the_place_of_the_picture_is_refused_before_anything_is_measured(
+    tmp_path, capsys, monkeypatch
+):
     monkeypatch.setattr(bench, "sections", lambda scale: pytest.fail("measured"))
     assert main(["bench", "--tiny", "--out", str(tmp_path)]) == 2
     assert "is a folder" in capsys.readouterr().err
@@ -37,7 +51,11 @@ def test_a_folder_in_the_place_of_the_picture_is_refused_before_anything_is_meas
 def test_the_base_of_a_comparison_is_1_and_a_ratio_is_taken_within_a_turn():
     times = {"base": [1.0, 10.0, 1.0], "twice": [2.0, 20.0, 2.0], "slow once": [1.0, 10.0, 9.0]}
     rows = bench.compare({name: np.array(values) for name, values in times.items()}, "base")
-    assert {name: ratio for name, (ratio, _) in rows.items()} == {"base": 1, "twice": 2, "slow once": 1}
+    assert {name: ratio for name, (ratio, _) in rows.items()} == {
+        "base": 1,
+        "twice": 2,
+        "slow once": 1,
+    }
 
 
 def test_measuring_warms_up_and_takes_turns():
@@ -50,9 +68,13 @@ def test_measuring_warms_up_and_takes_turns():
 
 @pytest.mark.parametrize(("widths", "count"), [((6, 128, 128, 3), 11), ((4, 5, 2), 7), ((4, 2), 3)])
 def test_the_floor_is_the_matrix_products_of_an_update_and_no_more(monkeypatch, widths, count):
-    """Each has as many multiplications as the one it stands for, so the sum over an update must agree."""
+    """Each has as many multiplications as the one it stands for, so the sum over an update must
+    agree.
+    """
     multiply, cost = bench.products(8, widths, backward=True), []
-    monkeypatch.setattr(np, "matmul", lambda x, y, out: cost.append(len(x) * x.shape[1] * y.shape[1]))
+    monkeypatch.setattr(
+        np, "matmul", lambda x, y, out: cost.append(len(x) * x.shape[1] * y.shape[1])
+    )
     multiply()
     layers = [8 * n_in * n_out for n_in, n_out in pairwise(widths)]
     assert len(cost) == count
@@ -60,7 +82,9 @@ def test_the_floor_is_the_matrix_products_of_an_update_and_no_more(monkeypatch, 
 
 
 def test_the_memory_is_that_of_all_arrays():
-    """Per transition of Acrobot: two states of 6 float32, an int64, a float32, a bool; then the tree's leaves."""
+    """Per transition of Acrobot: two states of 6 float32, an int64, a float32, a bool; then the
+    tree's leaves.
+    """
     rows = bench.memory(bench.TINY._replace(rows=3200)).rows
     assert rows["uniform replay"][0] == pytest.approx(2 * 6 * 4 + 8 + 4 + 1, abs=0.1)
     assert rows["recency replay"][0] == pytest.approx(61 + 8 + 8 / 32, abs=0.1)
@@ -73,7 +97,13 @@ def test_the_same_update_in_pytorch_gives_the_same_errors():
     torch.manual_seed(0)
     update = peers.torch_update(batch, widths, config)
     agent = DQN(4, 2, config, np.random.default_rng(0))
-    cells = dict(zip(update.__code__.co_freevars, (cell.cell_contents for cell in update.__closure__), strict=True))
+    cells = dict(
+        zip(
+            update.__code__.co_freevars,
+            (cell.cell_contents for cell in update.__closure__),
+            strict=True,
+        )
+    )
     for theta, net in ((agent.theta, cells["net"]), (agent.theta_target, cells["target"])):
         for (W, b), layer in zip(agent.net.unpack(theta), list(net)[::2], strict=True):
             W[...], b[...] = layer.weight.detach().numpy().T, layer.bias.detach().numpy()
@@ -85,7 +115,9 @@ def test_the_same_update_in_pytorch_gives_the_same_errors():
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="about glibc's malloc")
 def test_freed_memory_is_kept_for_the_next_update():
-    """Without the line in __init__, arrays of this size are fetched from the system anew each time, page by page."""
+    """Without the line in __init__, arrays of this size are fetched from the system anew each time,
+    page by page.
+    """
     code = """
 import resource, gbdqn_ref, numpy as np
 faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -97,5 +129,7 @@ for _ in range(100):
     work()
 print(faults() - before)
 """
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert int(printed) < 1_000  # of 44,000 pages

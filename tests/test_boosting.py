@@ -1,4 +1,6 @@
-"""The closed-form step against exact fractions, and the ensemble against the sum that it stands for."""
+"""The closed-form step against exact fractions, and the ensemble against the sum that it stands
+for.
+"""
 
 from fractions import Fraction
 
@@ -16,12 +18,16 @@ EXACT = 1e-13  # relative to Σ |w r h|, what cancels in A; the fractions themse
 
 def inner(weights, x, y):
     """Σ w x y, exactly."""
-    return sum(Fraction(w) * Fraction(x) * Fraction(y) for w, x, y in zip(weights, x, y, strict=True))
+    return sum(
+        Fraction(w) * Fraction(x) * Fraction(y) for w, x, y in zip(weights, x, y, strict=True)
+    )
 
 
 @given(weighted_samples(), st.booleans(), st.sampled_from([1e-6, -0.5, 3.0, 1e6]))
 def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
-    """f(α + d) − f(α) = d² B for both signs of d, with f(α) = Σ w (r − α h)², in exact fractions."""
+    """f(α + d) − f(α) = d² B for both signs of d, with f(α) = Σ w (r − α h)², in exact
+    fractions.
+    """
     residual, h, weights = sample
     assume(h.any())
     alpha = closed_form_alpha(residual, h, weights if weighted else None)
@@ -40,7 +46,9 @@ def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
 def test_the_new_residual_is_orthogonal_to_the_booster(sample):
     residual, h, weights = sample
     alpha = closed_form_alpha(residual, h, weights)
-    left = [Fraction(r) - Fraction(alpha) * Fraction(h_i) for r, h_i in zip(residual, h, strict=True)]
+    left = [
+        Fraction(r) - Fraction(alpha) * Fraction(h_i) for r, h_i in zip(residual, h, strict=True)
+    ]
     assert abs(inner(weights, left, h)) <= inner(weights, abs(residual), abs(h)) * Fraction(EXACT)
 
 
@@ -56,7 +64,9 @@ def test_weights_are_roots_in_front_of_both_vectors(sample):
 
 @given(weighted_samples(), st.sampled_from([-565, -332, -1, 332, 565]))
 def test_a_booster_counts_the_same_whatever_its_scale(sample, exponent):
-    """From 1e-170 to 1e170, in powers of two, which do not round. Catches an h² that underflows or overflows."""
+    """From 1e-170 to 1e170, in powers of two, which do not round. Catches an h² that underflows or
+    overflows.
+    """
     residual, h, weights = sample
     scaled = -(2.0**exponent) * h
     contribution = closed_form_alpha(residual, scaled, weights) * scaled
@@ -76,7 +86,9 @@ def test_a_booster_that_is_0_wherever_a_weight_is_not_gets_step_0():
 def test_alpha_is_a_plain_float_in_double_precision(residual, h):
     single = closed_form_alpha(residual.astype(np.float32), h.astype(np.float32))
     assert type(single) is float
-    assert single == closed_form_alpha(residual.astype(np.float32).astype(float), h.astype(np.float32).astype(float))
+    assert single == closed_form_alpha(
+        residual.astype(np.float32).astype(float), h.astype(np.float32).astype(float)
+    )
 
 
 def test_vectors_that_do_not_match_are_refused_instead_of_broadcast():
@@ -103,12 +115,16 @@ def test_q_is_the_sum_of_its_boosters_for_one_state_or_many(both, rng, lead):
     x, shape = rng.normal(size=(*lead, net.widths[0])), (*lead, net.widths[-1])
     expected, stages = np.zeros(shape), []
     for theta, alpha in members:
-        expected = expected + alpha * net.forward(theta, x.reshape(-1, net.widths[0]))[0].reshape(shape)
+        expected = expected + alpha * net.forward(theta, x.reshape(-1, net.widths[0]))[0].reshape(
+            shape
+        )
         stages.append(expected)
     assert len(ensemble) == len(members)
     np.testing.assert_allclose(ensemble.q(x), expected, rtol=1e-4, atol=1e-5)
     assert ensemble.q(x).shape == shape and ensemble.q(x).dtype == np.float32
-    np.testing.assert_allclose(ensemble.staged_q(x), np.reshape(stages, (len(members), *shape)), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(
+        ensemble.staged_q(x), np.reshape(stages, (len(members), *shape)), rtol=1e-4, atol=1e-5
+    )
 
 
 @given(ensembles(), rngs())

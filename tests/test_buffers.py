@@ -1,4 +1,6 @@
-"""The three buffers against a Python list that does everything the slow way, and their draws against χ²."""
+"""The three buffers against a Python list that does everything the slow way, and their draws
+against χ².
+"""
 
 import tracemalloc
 from math import exp
@@ -11,7 +13,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from strategies import positives, reals, rngs, sizes, vectors
 
 from gbdqn_ref.config import Config
-from gbdqn_ref.replay import ProportionalReplay, RecencyReplay, SumTree, UniformReplay, importance_weights
+from gbdqn_ref.replay import (
+    ProportionalReplay,
+    RecencyReplay,
+    SumTree,
+    UniformReplay,
+    importance_weights,
+)
 
 D = 2
 RATES = [0.0, 1e-3, 0.5, 5.0]
@@ -29,7 +37,13 @@ def small_trees():
 
 def transition(number):
     """(s, a, r, s2, terminated), no two alike."""
-    return np.array([number, 0.5]), number % 3, -0.25 * number, np.array([number + 1, -0.5]), number % 4 == 3
+    return (
+        np.array([number, 0.5]),
+        number % 3,
+        -0.25 * number,
+        np.array([number + 1, -0.5]),
+        number % 4 == 3,
+    )
 
 
 def fill(replay, n, rng=None):
@@ -41,7 +55,7 @@ def fill(replay, n, rng=None):
     return replay
 
 
-# --- against a list --------------------------------------------------------------------------------------------------
+# --- against a list -------------------------------------------------------------------------------
 
 
 class UniformAgainstAList(RuleBasedStateMachine):
@@ -60,14 +74,25 @@ class UniformAgainstAList(RuleBasedStateMachine):
     )
     def start(self, capacity, exponent, is_exponent, normalise, mix, rate, n):
         proportional = dict(
-            priority_offset=OFFSET, priority_exponent=exponent, is_exponent=is_exponent, normalise=normalise
+            priority_offset=OFFSET,
+            priority_exponent=exponent,
+            is_exponent=is_exponent,
+            normalise=normalise,
         )
-        options, self.mix, self.rate = {  # the uniform buffer is recency alone at rate 0, the proportional one mix 1
+        (
+            options,
+            self.mix,
+            self.rate,
+        ) = {  # the uniform buffer is recency alone at rate 0, the proportional one mix 1
             UniformReplay: ({}, 0.0, 0.0),
             ProportionalReplay: (proportional, 1.0, 0.0),
             RecencyReplay: (proportional | dict(mix=mix, recency_rate=rate), mix, rate),
         }[self.kind]
-        self.replay, self.capacity, self.exponent = self.kind(capacity, D, **options), capacity, exponent
+        self.replay, self.capacity, self.exponent = (
+            self.kind(capacity, D, **options),
+            capacity,
+            exponent,
+        )
         self.is_exponent, self.normalise = is_exponent, normalise
         self.added, self.stored, self.largest = 0, [], 1.0
         self.replay.check_valid()
@@ -86,20 +111,29 @@ class UniformAgainstAList(RuleBasedStateMachine):
         for _ in range(n):
             slot = self.replay.add(*transition(self.added))
             assert slot == self.added % self.capacity
-            self.stored = [*self.stored, [slot, transition(self.added), self.largest]][-self.capacity :]
+            self.stored = [*self.stored, [slot, transition(self.added), self.largest]][
+                -self.capacity :
+            ]
             self.added += 1
 
     @rule(rng=rngs(), errors=sizes(8).flatmap(vectors))
     def learn(self, rng, errors):
-        """As an agent does: the TD errors of a batch are found, and a slot that is in it twice keeps the last one."""
+        """As an agent does: the TD errors of a batch are found, and a slot that is in it twice
+        keeps the last one.
+        """
         batch, P = self.replay.sample(len(errors), rng), self.probability()
         place = {slot: i for i, (slot, _, _) in enumerate(self.stored)}
         weight = np.array([(len(P) * P[slot]) ** -self.is_exponent for slot in batch.index])
-        np.testing.assert_allclose(batch.weight, weight / (weight.max() if self.normalise else 1), rtol=1e-6)
+        np.testing.assert_allclose(
+            batch.weight, weight / (weight.max() if self.normalise else 1), rtol=1e-6
+        )
         self.replay.update_priorities(batch.index, errors)
         for i, slot in enumerate(batch.index):
             entry = self.stored[place[slot]]
-            assert all(np.array_equal(drawn[i], put) for drawn, put in zip(batch[1:6], entry[1], strict=True))
+            assert all(
+                np.array_equal(drawn[i], put)
+                for drawn, put in zip(batch[1:6], entry[1], strict=True)
+            )
             entry[2] = (abs(errors[i]) + OFFSET) ** self.exponent
             self.largest = max(self.largest, entry[2])
 
@@ -109,10 +143,19 @@ class UniformAgainstAList(RuleBasedStateMachine):
         assert len(self.replay) == len(self.stored)
         for age, (slot, (s, a, r, s2, terminated), _) in enumerate(reversed(self.stored)):
             assert self.replay.age(slot) == age
-            assert self.replay.s[slot].tolist() == s.tolist() and self.replay.s2[slot].tolist() == s2.tolist()
-            assert (self.replay.a[slot], self.replay.r[slot], self.replay.terminated[slot]) == (a, r, terminated)
+            assert (
+                self.replay.s[slot].tolist() == s.tolist()
+                and self.replay.s2[slot].tolist() == s2.tolist()
+            )
+            assert (self.replay.a[slot], self.replay.r[slot], self.replay.terminated[slot]) == (
+                a,
+                r,
+                terminated,
+            )
         P = self.probability()
-        np.testing.assert_allclose(self.replay.probabilities(), [P[slot] for slot in sorted(P)], rtol=1e-12)
+        np.testing.assert_allclose(
+            self.replay.probabilities(), [P[slot] for slot in sorted(P)], rtol=1e-12
+        )
 
 
 class ProportionalAgainstAList(UniformAgainstAList):
@@ -126,7 +169,9 @@ class RecencyAgainstAList(UniformAgainstAList):
 def case(machine):
     """Its test; a failure is shrunk but not explained, which takes a minute."""
     case = machine.TestCase
-    case.settings = settings(case.settings, stateful_step_count=20, phases=set(Phase) - {Phase.explain})
+    case.settings = settings(
+        case.settings, stateful_step_count=20, phases=set(Phase) - {Phase.explain}
+    )
     return case
 
 
@@ -135,18 +180,24 @@ TestUniform, TestProportional, TestRecency = map(
 )
 
 
-# --- draws -----------------------------------------------------------------------------------------------------------
+# --- draws ----------------------------------------------------------------------------------------
 
 
 def assert_drawn_from_probabilities(replay, rng, n=100_000):
-    """χ² below its 99.9 % quantile; slots expected less than 5 times are counted with the rarest of the others."""
+    """χ² below its 99.9 % quantile; slots expected less than 5 times are counted with the rarest of
+    the others.
+    """
     slots = replay.sample(n, rng).index
     expected, observed = n * replay.probabilities(), np.bincount(slots, minlength=len(replay))
     often = expected >= 5
     cell = np.where(often, np.arange(len(replay)), np.where(often, expected, np.inf).argmin())
-    observed, expected = (np.bincount(cell, count, minlength=len(replay))[often] for count in (observed, expected))
+    observed, expected = (
+        np.bincount(cell, count, minlength=len(replay))[often] for count in (observed, expected)
+    )
     dof = often.sum() - 1
-    quantile = dof * (1 - 2 / (9 * dof) + 3.0902 * np.sqrt(2 / (9 * dof))) ** 3  # Wilson–Hilferty; 39 → 72.06
+    quantile = (
+        dof * (1 - 2 / (9 * dof) + 3.0902 * np.sqrt(2 / (9 * dof))) ** 3
+    )  # Wilson–Hilferty; 39 → 72.06
     assert ((observed - expected) ** 2 / expected).sum() < quantile
 
 
@@ -161,7 +212,9 @@ kinds = pytest.mark.parametrize(("kind", "options"), REPLAYS.values(), ids=REPLA
 @kinds
 @pytest.mark.parametrize("added", [33, 40, 97], ids=["filling", "full", "wrapped"])
 def test_draws_follow_the_probabilities(kind, options, added):
-    """Catches ages counted from slot 0, floor(+1), the two stages swapped, and a tree searched from the wrong end."""
+    """Catches ages counted from slot 0, floor(+1), the two stages swapped, and a tree searched from
+    the wrong end.
+    """
     rng = np.random.default_rng(added)
     assert_drawn_from_probabilities(fill(kind(40, D, **options), added, rng), rng)
 
@@ -238,13 +291,16 @@ def test_a_buffer_and_a_config_have_the_same_defaults():
         assert getattr(config, name) == getattr(proportional, name) == getattr(recency, name)
 
 
-# --- importance weights ----------------------------------------------------------------------------------------------
+# --- importance weights ---------------------------------------------------------------------------
 
 
 @given(st.lists(positives(), min_size=2, max_size=6), st.data())
 def test_with_exponent_1_the_weights_undo_the_probabilities(p, data):
     """E_P[w f] = mean f, whatever f is, added up over every transition."""
-    P, f = np.array(p) / sum(p), np.array(data.draw(st.lists(reals(), min_size=len(p), max_size=len(p))))
+    P, f = (
+        np.array(p) / sum(p),
+        np.array(data.draw(st.lists(reals(), min_size=len(p), max_size=len(p)))),
+    )
     w = importance_weights(P, len(P), 1.0, normalise=None)
     assert (P * w * f).sum() == pytest.approx(f.mean(), abs=1e-10)
 
@@ -274,7 +330,7 @@ def test_sampled_weights_are_at_most_1_and_the_largest_is_1(kind, options):
         assert kind is not UniformReplay or (weight == 1).all()
 
 
-# --- the parts -------------------------------------------------------------------------------------------------------
+# --- the parts ------------------------------------------------------------------------------------
 
 
 @given(rngs(), sizes(600), st.sampled_from([0.01, 0.3, 1.0]), st.sampled_from([0, 1, 8]))
@@ -286,7 +342,9 @@ def test_the_tree_finds_what_a_cumulative_sum_finds(rng, size, density, spread):
     tree.set(np.arange(size), leaves)
     u = np.concatenate([[0, np.nextafter(tree.total(), 0)], rng.random(50) * tree.total()])
     found, edges = tree.find(u), np.concatenate([[0], leaves.cumsum()])
-    assert (leaves[found] > 0).all()  # catches ≤ for <, and an u that rounding carries past the last leaf
+    assert (
+        leaves[found] > 0
+    ).all()  # catches ≤ for <, and an u that rounding carries past the last leaf
     slack = 1e-12 * tree.total()
     assert (edges[found] <= u + slack).all() and (u - slack <= edges[found + 1]).all()
 
@@ -317,7 +375,9 @@ def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
 
 @kinds
 def test_adding_a_transition_allocates_nothing(kind, options):
-    """Beyond the few hundred bytes of views and scalars: half of one state, of 16 kB, would be too much."""
+    """Beyond the few hundred bytes of views and scalars: half of one state, of 16 kB, would be too
+    much.
+    """
     replay, s = kind(5_000, 4_096, **options), np.ones(4_096, np.float32)
     replay.add(s, 0, 1.0, s, False)
     tracemalloc.start()
@@ -342,13 +402,17 @@ def test_no_error_builds_up_in_the_tree():
 def test_the_closed_form_of_the_time_priorities_is_their_sum(rate, added):
     """Catches 1 − e^{−α}, of which nothing is left at a small rate."""
     replay = fill(RecencyReplay(40, D, recency_rate=rate), added)
-    assert replay.time_total() == pytest.approx(sum(exp(-rate * age) for age in range(min(added, 40))), rel=1e-13)
+    assert replay.time_total() == pytest.approx(
+        sum(exp(-rate * age) for age in range(min(added, 40))), rel=1e-13
+    )
 
 
 @given(rngs(), st.floats(0, 1), st.sampled_from(RATES), sizes(60))
 def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added):
     replay = fill(RecencyReplay(40, D, mix=mix, recency_rate=rate), added, rng)
-    td, time = (sum(x) for x in (replay.tree.leaves, (exp(-rate * age) for age in range(len(replay)))))
+    td, time = (
+        sum(x) for x in (replay.tree.leaves, (exp(-rate * age) for age in range(len(replay))))
+    )
     assert replay.td_share() == pytest.approx(mix * td / (mix * td + (1 - mix) * time), rel=1e-12)
     assert 0 <= replay.td_share() <= 1
 
@@ -356,11 +420,15 @@ def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added
 def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
     replay = fill(RecencyReplay(40, D, mix=0.0, recency_rate=0.0), 97)
     np.testing.assert_allclose(replay.probabilities(), 1 / 40)
-    newest = fill(RecencyReplay(40, D, mix=0.0, recency_rate=100.0), 97).sample(1000, np.random.default_rng(0)).index
+    newest = (
+        fill(RecencyReplay(40, D, mix=0.0, recency_rate=100.0), 97)
+        .sample(1000, np.random.default_rng(0))
+        .index
+    )
     assert set(newest) == {96 % 40}
 
 
-# --- where all TD priorities are 0 -----------------------------------------------------------------------------------
+# --- where all TD priorities are 0 ----------------------------------------------------------------
 
 
 def all_zero(kind, n, **options):
@@ -372,7 +440,9 @@ def all_zero(kind, n, **options):
 
 
 @pytest.mark.parametrize("n", [10, 40, 300])
-@pytest.mark.parametrize(("kind", "options"), [(ProportionalReplay, {}), (RecencyReplay, {"mix": 1.0})])
+@pytest.mark.parametrize(
+    ("kind", "options"), [(ProportionalReplay, {}), (RecencyReplay, {"mix": 1.0})]
+)
 def test_where_every_priority_is_0_there_is_nothing_to_draw_from(kind, options, n):
     with pytest.raises(ValueError, match="priority_offset must be positive"):
         all_zero(kind, n, **options).sample(3, np.random.default_rng(0))

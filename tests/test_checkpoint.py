@@ -1,4 +1,6 @@
-"""An agent on disk is the agent, to the bit; what is not an agent is refused and leaves everything as it was."""
+"""An agent on disk is the agent, to the bit; what is not an agent is refused and leaves everything
+as it was.
+"""
 
 import json
 import os
@@ -10,20 +12,38 @@ import pytest
 from gbdqn_ref import UsageError, checkpoint
 from gbdqn_ref.train import Config, make_agent, run
 
-SCHEDULE = [{"episode": 3, "length": 2.0}, {"episode": 5, "gravity": 2.0}, {"episode": 8, "reset": True}]
-SMALL = dict(episodes=10, hidden=(5,), capacity=80, batch_size=8, learning_starts=20, schedule=SCHEDULE)
+SCHEDULE = [
+    {"episode": 3, "length": 2.0},
+    {"episode": 5, "gravity": 2.0},
+    {"episode": 8, "reset": True},
+]
+SMALL = dict(
+    episodes=10, hidden=(5,), capacity=80, batch_size=8, learning_starts=20, schedule=SCHEDULE
+)
 CONFIGS = [
     Config(agent="dqn", **SMALL),
     Config(agent="dqn", replay="uniform", behaviour="softmax", **SMALL),
     Config(agent="gbdqn", **SMALL),
-    Config(agent="gbdqn", target="frozen", alpha="closed-form", loss_on="h", replay="proportional", **SMALL),
+    Config(
+        agent="gbdqn",
+        target="frozen",
+        alpha="closed-form",
+        loss_on="h",
+        replay="proportional",
+        **SMALL,
+    ),
     Config(agent="gbdqn", alpha=1, **SMALL),  # a whole number, which once frozen is a float
 ]
-every_config = pytest.mark.parametrize("config", CONFIGS, ids=lambda c: f"{c.agent}-{c.replay}-{c.target}-{c.alpha}")
+every_config = pytest.mark.parametrize(
+    "config", CONFIGS, ids=lambda c: f"{c.agent}-{c.replay}-{c.target}-{c.alpha}"
+)
 
 
 def state_bytes(agent):
-    return {name: (array.dtype, array.shape, array.tobytes()) for name, array in checkpoint.state(agent).items()}
+    return {
+        name: (array.dtype, array.shape, array.tobytes())
+        for name, array in checkpoint.state(agent).items()
+    }
 
 
 @pytest.fixture
@@ -38,7 +58,9 @@ def saved(tmp_path):
 
 
 def refused(path, config=CONFIGS[2], match="."):
-    """Loading raises a UsageError in one line that names the file, and leaves the agent as it was."""
+    """Loading raises a UsageError in one line that names the file, and leaves the agent as it
+    was.
+    """
     agent = make_agent(config)
     before = state_bytes(agent)
     with pytest.raises(UsageError, match=match) as caught:
@@ -53,7 +75,13 @@ def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, conf
     records = []
     for record in run(config, original):
         records.append(repr(record))
-        if record["episode"] in (0, 2, 3, 6, 9):  # before learning, before, at and after drifts, at the end
+        if record["episode"] in (
+            0,
+            2,
+            3,
+            6,
+            9,
+        ):  # before learning, before, at and after drifts, at the end
             checkpoint.save(tmp_path / str(len(records)), original, len(records))
             states[len(records)] = state_bytes(original)
     for episodes, state in states.items():
@@ -73,16 +101,37 @@ def test_the_same_agent_is_the_same_bytes(tmp_path, config):
     again = make_agent(config)
     checkpoint.load(tmp_path / "0", again)
     checkpoint.save(tmp_path / "2", again, 10)
-    assert (tmp_path / "0").read_bytes() == (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
+    assert (
+        (tmp_path / "0").read_bytes()
+        == (tmp_path / "1").read_bytes()
+        == (tmp_path / "2").read_bytes()
+    )
 
 
 def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
     names = set(checkpoint.state(saved[1]))
     assert names >= {
-        "theta", "theta_target", "steps", "alpha", "rng", "q_frozen", "q_frozen_next", "adam.m", "adam.v", "adam.t",
-        "ensemble.theta", "ensemble.alpha", "replay.s", "replay.a", "replay.r", "replay.s2", "replay.terminated",
-        "replay.added", "replay.max_priority", "replay.tree.levels.0",
-    }  # fmt: skip
+        "theta",
+        "theta_target",
+        "steps",
+        "alpha",
+        "rng",
+        "q_frozen",
+        "q_frozen_next",
+        "adam.m",
+        "adam.v",
+        "adam.t",
+        "ensemble.theta",
+        "ensemble.alpha",
+        "replay.s",
+        "replay.a",
+        "replay.r",
+        "replay.s2",
+        "replay.terminated",
+        "replay.added",
+        "replay.max_priority",
+        "replay.tree.levels.0",
+    }
 
 
 def test_a_loaded_agent_shares_nothing_with_another(saved):
@@ -99,7 +148,7 @@ def test_no_pickle_is_ever_read_or_written(saved):
         assert all(file[name].dtype != object for name in file.files)
 
 
-# --- damaged and foreign files ---------------------------------------------------------------------------------------
+# --- damaged and foreign files --------------------------------------------------------------------
 
 
 class Bomb:
@@ -120,7 +169,9 @@ def test_a_truncated_file_is_refused(saved, kept):
     refused(path, match="damaged")
 
 
-@pytest.mark.parametrize("content", [b"hello\n", b"\x00" * 5000, b"PK\x03\x04", b"\x80\x04N.", b"\x93NUMPY\x01\x00"])
+@pytest.mark.parametrize(
+    "content", [b"hello\n", b"\x00" * 5000, b"PK\x03\x04", b"\x80\x04N.", b"\x93NUMPY\x01\x00"]
+)
 def test_a_file_that_is_something_else_is_refused(saved, content):
     saved[0].write_bytes(content)
     refused(saved[0], match="damaged or foreign")
@@ -184,7 +235,9 @@ def test_another_format_is_refused(saved):
     refused(saved[0], match="99")
 
 
-@pytest.mark.parametrize("other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr)
+@pytest.mark.parametrize(
+    "other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr
+)
 def test_the_checkpoint_of_another_run_is_refused(saved, other):
     refused(saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings")
 
@@ -208,15 +261,27 @@ def test_arrays_that_do_not_fit_are_refused(saved, drop, arrays):
 
 
 def spots(data):
-    """(byte, bit): at random, and all of the last directory entry and the end record, which no checksum covers."""
+    """(byte, bit): at random, and all of the last directory entry and the end record, which no
+    checksum covers.
+    """
     rng = np.random.default_rng(0)
-    anywhere = zip(rng.integers(len(data), size=150).tolist(), rng.integers(8, size=150).tolist(), strict=True)
-    return [*anywhere, *((byte, bit) for byte in range(data.rindex(b"PK\1\2"), len(data)) for bit in range(8))]
+    anywhere = zip(
+        rng.integers(len(data), size=150).tolist(), rng.integers(8, size=150).tolist(), strict=True
+    )
+    return [
+        *anywhere,
+        *((byte, bit) for byte in range(data.rindex(b"PK\1\2"), len(data)) for bit in range(8)),
+    ]
 
 
 def test_a_flipped_bit_is_refused_or_harmless(saved):
     path, original = saved
-    data, expected, fresh, wrong = path.read_bytes(), state_bytes(original), state_bytes(make_agent(CONFIGS[2])), []
+    data, expected, fresh, wrong = (
+        path.read_bytes(),
+        state_bytes(original),
+        state_bytes(make_agent(CONFIGS[2])),
+        [],
+    )
     agent, refusals = make_agent(CONFIGS[2]), 0
     for byte, bit in spots(data):
         damaged = bytearray(data)
@@ -237,7 +302,9 @@ def test_a_flipped_bit_is_refused_or_harmless(saved):
     assert refusals > 150 and not wrong, wrong[:5]
 
 
-@pytest.mark.skipif(not os.path.exists("/proc/self/fd"), reason="counts the open files of this process")
+@pytest.mark.skipif(
+    not os.path.exists("/proc/self/fd"), reason="counts the open files of this process"
+)
 def test_a_damaged_file_is_closed_again(saved):
     path, _ = saved
     path.write_bytes(path.read_bytes()[:-100])
@@ -249,7 +316,7 @@ def test_a_damaged_file_is_closed_again(saved):
     assert len(os.listdir("/proc/self/fd")) == before
 
 
-# --- writing ---------------------------------------------------------------------------------------------------------
+# --- writing --------------------------------------------------------------------------------------
 
 
 class CrashError(Exception):
@@ -303,7 +370,9 @@ def test_a_checkpoint_reaches_the_disk_before_it_takes_the_old_ones_place(saved,
     order = []
     for name in ("fsync", "replace"):
         original = getattr(os, name)
-        monkeypatch.setattr(checkpoint.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a)))
+        monkeypatch.setattr(
+            checkpoint.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a))
+        )
     checkpoint.save(*saved, 6)
     assert order == ["fsync", "replace"]
     assert zipfile.ZipFile(saved[0]).testzip() is None

@@ -1,4 +1,6 @@
-"""The schedule of regimes, and the wrapper that applies it: as a Gymnasium environment and as a clock."""
+"""The schedule of regimes, and the wrapper that applies it: as a Gymnasium environment and as a
+clock.
+"""
 
 import json
 import warnings
@@ -14,21 +16,33 @@ from hypothesis import strategies as st
 from gbdqn_ref import UsageError, drift
 from gbdqn_ref.drift import DriftWrapper, check_schedule, factors_of, make
 
-TWO = [{"episode": 2, "gravity": 1.5}, {"episode": 5, "gravity": 1.5, "force": 0.5}, {"episode": 6, "reset": True}]
-KNOWN_WARNINGS = "is different from the unwrapped version|space (minimum|maximum) value is -?infinity"
-both = pytest.mark.parametrize("schedule", [[], [{"episode": 1, "gravity": 1.5}, {"episode": 3, "reset": True}]])
+TWO = [
+    {"episode": 2, "gravity": 1.5},
+    {"episode": 5, "gravity": 1.5, "force": 0.5},
+    {"episode": 6, "reset": True},
+]
+KNOWN_WARNINGS = (
+    "is different from the unwrapped version|space (minimum|maximum) value is -?infinity"
+)
+both = pytest.mark.parametrize(
+    "schedule", [[], [{"episode": 1, "gravity": 1.5}, {"episode": 3, "reset": True}]]
+)
 named = pytest.mark.parametrize("name", drift.ENVIRONMENTS)
 
 
 @st.composite
 def schedules(draw, name):
     episodes = draw(st.lists(st.integers(0, 60), unique=True, max_size=6).map(sorted))
-    some = st.dictionaries(st.sampled_from(sorted(factors_of(name))), st.floats(0.01, 100), min_size=1)
+    some = st.dictionaries(
+        st.sampled_from(sorted(factors_of(name))), st.floats(0.01, 100), min_size=1
+    )
     return [{"episode": k} | draw(st.one_of(some, st.just({"reset": True}))) for k in episodes]
 
 
 def factors(entry, name="cartpole"):
-    return factors_of(name) | {key: value for key, value in entry.items() if key not in ("episode", "reset")}
+    return factors_of(name) | {
+        key: value for key, value in entry.items() if key not in ("episode", "reset")
+    }
 
 
 @named
@@ -36,7 +50,9 @@ def factors(entry, name="cartpole"):
 def test_gymnasium_finds_nothing_wrong(name, schedule):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", f"(?s).*({KNOWN_WARNINGS})", UserWarning)
-        check_env(make(name, schedule), skip_render_check=name == "hopper")  # MuJoCo draws on a display only
+        check_env(
+            make(name, schedule), skip_render_check=name == "hopper"
+        )  # MuJoCo draws on a display only
 
 
 @named
@@ -98,7 +114,9 @@ def test_a_reset_entry_restores_the_stock_physics():
 
 def test_what_an_entry_does_not_name_is_1_again():
     env = make("cartpole", [{"episode": 1, "gravity": 2.0}, {"episode": 2, "length": 3.0}])
-    seen = [env.reset()[1]["factors"] for _ in range(3)]  # catches regimes that build on the one before
+    seen = [
+        env.reset()[1]["factors"] for _ in range(3)
+    ]  # catches regimes that build on the one before
     assert seen == [factors(entry) for entry in ({}, {"gravity": 2.0}, {"length": 3.0})]
     assert (env.unwrapped.gravity, env.unwrapped.length) == (9.8, 1.5)
 
@@ -137,7 +155,11 @@ def test_an_episode_that_is_none_is_refused(episode):
 def test_an_entry_at_episode_0_is_regime_0_without_an_event():
     env = make("cartpole", [{"episode": 0, "gravity": 2.0}, {"episode": 1, "gravity": 1.5}])
     infos = [env.reset()[1] for _ in range(3)]
-    assert [(info["regime"], info["event"]) for info in infos] == [(0, None), (1, "drift"), (1, None)]
+    assert [(info["regime"], info["event"]) for info in infos] == [
+        (0, None),
+        (1, "drift"),
+        (1, None),
+    ]
     assert infos[0]["factors"]["gravity"] == 2.0
 
 
@@ -193,12 +215,17 @@ def test_counting_and_jumping_agree(name, data):
     schedule = data.draw(schedules(name))
     counting, jumping = make(name, schedule), make(name, json.loads(json.dumps(schedule)))
     for episode in range(12):
-        assert counting.reset(seed=episode)[1] == jumping.reset(seed=episode, options={"episode": episode})[1]
+        assert (
+            counting.reset(seed=episode)[1]
+            == jumping.reset(seed=episode, options={"episode": episode})[1]
+        )
 
 
 @pytest.mark.parametrize("id", ["Pendulum-v1", "Acrobot-v1"])
 def test_a_foreign_environment_is_refused(id):
-    with pytest.raises(UsageError, match=r"unknown environment .*cartpole, mountaincar, acrobot, hopper"):
+    with pytest.raises(
+        UsageError, match=r"unknown environment .*cartpole, mountaincar, acrobot, hopper"
+    ):
         DriftWrapper(gymnasium.make(id), [])
 
 
@@ -209,7 +236,8 @@ def test_an_environment_without_a_spec_is_refused():
 
 def test_an_unknown_name_is_refused_with_the_known_ones():
     with pytest.raises(
-        UsageError, match="unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper"
+        UsageError,
+        match="unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper",
     ):
         make("cart")
 
@@ -223,8 +251,14 @@ MALFORMED = {
     "a negative episode": ([{"episode": -1, "gravity": 2.0}], "from 0 on"),
     "half an episode": ([{"episode": 1.5, "gravity": 2.0}], "an integer"),
     "an episode that is true": ([{"episode": True, "gravity": 2.0}], "an integer"),
-    "decreasing episodes": ([{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}], "4 follows 5"),
-    "an episode twice": ([{"episode": 5, "gravity": 2.0}, {"episode": 5, "reset": True}], "5 follows 5"),
+    "decreasing episodes": (
+        [{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}],
+        "4 follows 5",
+    ),
+    "an episode twice": (
+        [{"episode": 5, "gravity": 2.0}, {"episode": 5, "reset": True}],
+        "5 follows 5",
+    ),
     "an unknown factor": ([{"episode": 1, "wind": 2.0}], "'wind'.*it has gravity, cart_mass, "),
     "a factor of another environment": ([{"episode": 1, "mass": 2.0}], "'mass'.*pole_mass"),
     "neither factors nor a reset": ([{"episode": 1}], "gravity.*reset"),
@@ -232,7 +266,10 @@ MALFORMED = {
     "both factors and a reset": ([{"episode": 1, "gravity": 2.0, "reset": True}], "gravity.*reset"),
     "a reset that is 1": ([{"episode": 1, "reset": 1}], "gravity.*reset"),
     "a factor 0": ([{"episode": 1, "gravity": 0}], "'gravity' must be a positive"),
-    "no push at all": ([{"episode": 1, "force": 0.0}], "'force' must be a finite number other than 0, not 0"),
+    "no push at all": (
+        [{"episode": 1, "force": 0.0}],
+        "'force' must be a finite number other than 0, not 0",
+    ),
     "a negative factor": ([{"episode": 1, "pole_mass": -1.0}], "'pole_mass' must be a positive"),
     "a factor that is no number": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
     "an infinite factor": ([{"episode": 1, "force": float("inf")}], "'force'.*inf"),

@@ -10,7 +10,11 @@ from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
 SMALL = dict(episodes=3, learning_starts=10, hidden=[4], capacity=100)
-SCHEDULE = [{"episode": 1, "length": 2}, {"episode": 2, "gravity": 2, "length": 2}, {"episode": 3, "reset": True}]
+SCHEDULE = [
+    {"episode": 1, "length": 2},
+    {"episode": 2, "gravity": 2, "length": 2},
+    {"episode": 3, "reset": True},
+]
 
 
 def policy(returns):
@@ -32,7 +36,12 @@ def test_what_is_lost_is_a_part_of_the_span(monkeypatch, random, frozen, trained
     monkeypatch.setattr(effect, "evaluate", lambda policy, env, episodes, seed: policy.returns)
     policies = [policy([level, level]) for level in (random, frozen, trained)]
     row = effect._levels(None, policies, 2)
-    assert (row["random"], row["frozen"], row["trained"], row["lost"]) == (random, frozen, trained, lost)
+    assert (row["random"], row["frozen"], row["trained"], row["lost"]) == (
+        random,
+        frozen,
+        trained,
+        lost,
+    )
 
 
 def test_two_standard_errors_decide_whether_a_regime_was_learnt(monkeypatch):
@@ -49,12 +58,18 @@ def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path,
 
     def looked_at(env, policies, episodes):
         env.reset(seed=0)
-        seen.append((float(env.unwrapped.length), float(env.unwrapped.gravity), policies[1] is policies[2]))
+        seen.append(
+            (float(env.unwrapped.length), float(env.unwrapped.gravity), policies[1] is policies[2])
+        )
         return levels(env, policies, episodes)
 
     monkeypatch.setattr(effect, "_levels", looked_at)
     first = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
-    assert [row["regime"] for row in first] == ["stock physics", "length × 2", "gravity × 2, length × 2"]
+    assert [row["regime"] for row in first] == [
+        "stock physics",
+        "length × 2",
+        "gravity × 2, length × 2",
+    ]
     assert seen == [(0.5, 9.8, True), (1.0, 9.8, False), (1.0, 19.6, False)]
     ages = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
     assert effect.drift_effect(config, tmp_path, episodes=2, quiet=True) == first
@@ -77,7 +92,16 @@ def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):
 
 
 def test_a_run_of_other_settings_in_the_folder_is_refused(tmp_path, capsys):
-    arguments = ["drift-effect", "--env", "cartpole", "--out", str(tmp_path), "--quiet", "--set", "schedule=[]"]
+    arguments = [
+        "drift-effect",
+        "--env",
+        "cartpole",
+        "--out",
+        str(tmp_path),
+        "--quiet",
+        "--set",
+        "schedule=[]",
+    ]
     small = [part for key, value in SMALL.items() for part in ("--set", f"{key}={value}")]
     assert main([*arguments, *small]) == 0
     assert main([*arguments, *small, "--set", "gamma=0.5"]) == 2

@@ -1,4 +1,6 @@
-"""A drifted Hopper is one compiled from an XML with other constants; nothing else differs, and a reset restores all."""
+"""A drifted Hopper is one compiled from an XML with other constants; nothing else differs, and a
+reset restores all.
+"""
 
 import subprocess
 import sys
@@ -26,8 +28,15 @@ def numbers(env):
     """Every number of the compiled model, options included, as {name: array}."""
     model = env.unwrapped.model
     parts = {"": model, "opt.": model.opt, "stat.": model.stat}
-    values = {f"{at}{key}": getattr(part, key) for at, part in parts.items() for key in dir(part) if key[0] != "_"}
-    return {key: np.array(x) for key, x in values.items() if isinstance(x, (int, float, np.ndarray))}
+    values = {
+        f"{at}{key}": getattr(part, key)
+        for at, part in parts.items()
+        for key in dir(part)
+        if key[0] != "_"
+    }
+    return {
+        key: np.array(x) for key, x in values.items() if isinstance(x, (int, float, np.ndarray))
+    }
 
 
 def differing(env, other):
@@ -37,10 +46,14 @@ def differing(env, other):
 
 
 def recompiled(folder, gravity=1.0, mass=1.0, friction=1.0):
-    """Gymnasium's Hopper-v5 from an XML in which the constants themselves are changed: the density for the mass."""
+    """Gymnasium's Hopper-v5 from an XML in which the constants themselves are changed: the density
+    for the mass.
+    """
     tree = ElementTree.parse(HopperEnv().fullpath)
     tree.find("option").set("gravity", f"0 0 {-9.81 * gravity!r}")
-    tree.find("default/geom").set("density", repr(1000 * mass))  # what the XML leaves out is MuJoCo's default, 1000 …
+    tree.find("default/geom").set(
+        "density", repr(1000 * mass)
+    )  # what the XML leaves out is MuJoCo's default, 1000 …
     for geom in tree.iter("geom"):
         if geom.get("name"):
             geom.set("friction", repr(float(geom.get("friction", "1")) * friction))  # … and 1
@@ -56,7 +69,9 @@ def drifted(**by):
 
 
 def trajectory(env, n=1000, seed=0):
-    """Positions and velocities (n, 12) under random actions; it goes on where the hopper has fallen."""
+    """Positions and velocities (n, 12) under random actions; it goes on where the hopper has
+    fallen.
+    """
     env.reset(seed=seed)
     states = np.empty((n, 12))
     for state, action in zip(states, np.random.default_rng(seed).integers(7, size=n), strict=True):
@@ -70,16 +85,22 @@ def stock_trajectory():
     return trajectory(HopperEnv())
 
 
-@pytest.mark.parametrize("by", [{"gravity": 1.3}, {"mass": 2.0}, {"friction": 0.7}, ALL | {"mass": 0.5}], ids=str)
-def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(tmp_path, by, stock_trajectory):
-    # 1,000 steps to the bit: masses by powers of 2, since 1.7 · (1000 V) and 1700 V differ in their last bit
+@pytest.mark.parametrize(
+    "by", [{"gravity": 1.3}, {"mass": 2.0}, {"friction": 0.7}, ALL | {"mass": 0.5}], ids=str
+)
+def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(
+    tmp_path, by, stock_trajectory
+):
+    # 1,000 steps to the bit: masses by powers of 2, since 1.7 · (1000 V) and 1700 V differ in their
+    # last bit
     states = trajectory(drifted(**by))
     assert np.array_equal(states, trajectory(recompiled(tmp_path, **by)))
     assert not np.array_equal(states, stock_trajectory)
 
 
 def test_every_number_of_a_drifted_model_is_that_of_a_compiled_one(tmp_path):
-    # catches masses without inertias, and what is derived from them: subtree masses, inverse weights, M0
+    # catches masses without inertias, and what is derived from them: subtree masses, inverse
+    # weights, M0
     mine, others = numbers(drifted(**ALL)), numbers(recompiled(tmp_path, **ALL))
     assert mine.keys() == others.keys()
     for key in mine:
@@ -141,7 +162,9 @@ def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_env
 def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():
     env = drift.make("hopper")
     assert env.action_space == gymnasium.spaces.Discrete(7)
-    for action, torques in enumerate([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]):
+    for action, torques in enumerate(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]
+    ):
         env.reset(seed=0)
         env.step(action)
         assert env.unwrapped.data.ctrl.tolist() == torques
@@ -150,7 +173,11 @@ def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():
 
 def test_the_motors_are_thigh_leg_and_foot():
     model = HopperEnv().model
-    assert [model.joint(joint).name for joint, _ in model.actuator_trnid] == ["thigh_joint", "leg_joint", "foot_joint"]
+    assert [model.joint(joint).name for joint, _ in model.actuator_trnid] == [
+        "thigh_joint",
+        "leg_joint",
+        "foot_joint",
+    ]
 
 
 def test_the_hopper_is_registered_like_the_stock_one():

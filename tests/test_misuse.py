@@ -1,4 +1,6 @@
-"""Ways to hold the command line wrong. Each is answered with one line that names what is wrong, and nothing changes."""
+"""Ways to hold the command line wrong. Each is answered with one line that names what is wrong, and
+nothing changes.
+"""
 
 import json
 import shutil
@@ -13,19 +15,35 @@ from gbdqn_ref import runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
-SMALL = ["--set", "episodes=6", "--set", "hidden=[4]", "--set", "learning_starts=30", "--set", "capacity=50"]
+SMALL = [
+    "--set",
+    "episodes=6",
+    "--set",
+    "hidden=[4]",
+    "--set",
+    "learning_starts=30",
+    "--set",
+    "capacity=50",
+]
 
 
 def contents(folder):
-    return {str(path.relative_to(folder)): path.is_file() and path.read_bytes() for path in folder.rglob("*")}
+    return {
+        str(path.relative_to(folder)): path.is_file() and path.read_bytes()
+        for path in folder.rglob("*")
+    }
 
 
 def refused(capsys, folder, arguments, keyword):
-    """The command is answered with exit status 2 and one line with the keyword; no file changes, appears or goes."""
+    """The command is answered with exit status 2 and one line with the keyword; no file changes,
+    appears or goes.
+    """
     before = contents(folder)
     status, (stdout, stderr) = main(arguments), capsys.readouterr()
     assert status == 2
-    assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, stderr
+    assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, (
+        stderr
+    )
     assert "Traceback" not in stderr and len(stderr) < 800
     assert any(word in stderr for word in keyword.split("|")), stderr
     assert stdout == ""
@@ -46,7 +64,10 @@ COMMANDS = {
     "an unknown option": (["train", "--episodes", "5"], "--episodes"),
     "a stray word": (["train", "cartpole"], "cartpole"),
     "an option without its value": (["train", "--env"], "--env"),
-    "an unknown environment": (["train", "--env", "Hopper-v5"], "cartpole, mountaincar, acrobot, hopper"),
+    "an unknown environment": (
+        ["train", "--env", "Hopper-v5"],
+        "cartpole, mountaincar, acrobot, hopper",
+    ),
     "an unknown agent": (["train", "--agent", "ppo"], "gbdqn, dqn"),
     "an empty agent": (["train", "--agent", ""], "gbdqn, dqn"),
     "an unknown preset": (["train", "--preset", "slow"], "paper, fast"),
@@ -55,7 +76,10 @@ COMMANDS = {
     "a negative seed": (["train", "--seed", "-1"], "seed must be a whole number from 0 on"),
     "an unknown agent in a comparison": (["compare", "--agents", "gbdqn,ppo"], "'ppo'"),
     "no agent in a comparison": (["compare", "--agents", ""], "choose one of gbdqn, dqn"),
-    "an empty agent in a comparison": (["compare", "--agents", "gbdqn,,dqn"], "choose one of gbdqn, dqn"),
+    "an empty agent in a comparison": (
+        ["compare", "--agents", "gbdqn,,dqn"],
+        "choose one of gbdqn, dqn",
+    ),
     "an agent twice in a comparison": (["compare", "--agents", "dqn,dqn"], "twice"),
     "a comparison to be resumed": (["compare", "--resume"], "--resume"),
     "resuming without a folder": (["train", "--resume"], "--out"),
@@ -95,13 +119,22 @@ SETTINGS = {
     "Python's None": (settings("normalise=None"), "null"),
     "yes for true": (settings("zero_output=yes"), "true or false"),
     "a schedule in words": (settings("schedule=gravity"), "schedule must be a list"),
-    "an entry in place of a schedule": (settings('schedule={"episode": 3, "gravity": 2}'), "schedule must be a list"),
+    "an entry in place of a schedule": (
+        settings('schedule={"episode": 3, "gravity": 2}'),
+        "schedule must be a list",
+    ),
     "a schedule with a missing bracket": (
         settings('schedule=[{"episode": 3, "gravity": 2}'),
         "schedule must be a list",
     ),
-    "an unknown factor": (schedule({"episode": 3, "wind": 2}), "gravity, cart_mass, pole_mass, length, force"),
-    "decreasing episodes": (schedule({"episode": 3, "force": 2}, {"episode": 2, "force": 3}), "must increase"),
+    "an unknown factor": (
+        schedule({"episode": 3, "wind": 2}),
+        "gravity, cart_mass, pole_mass, length, force",
+    ),
+    "decreasing episodes": (
+        schedule({"episode": 3, "force": 2}, {"episode": 2, "force": 3}),
+        "must increase",
+    ),
     "an entry without an episode": (schedule({"gravity": 2}), "'episode'"),
     "a factor of 0": (schedule({"episode": 3, "gravity": 0}), "'gravity' must be a positive"),
     "a factor and a reset": (schedule({"episode": 3, "gravity": 2, "reset": True}), "'reset'"),
@@ -121,14 +154,19 @@ def test_a_wrong_setting_is_refused(tmp_path, capsys, command, arguments, keywor
     refused(capsys, tmp_path, [command, "--out", str(tmp_path / "run"), *arguments], keyword)
 
 
-# --- folders ---------------------------------------------------------------------------------------------------------
+# --- folders --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", ["train", "compare"])
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
 def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path, capsys, command, place):
     (tmp_path / "file").write_text("mine")
-    refused(capsys, tmp_path, [command, "--out", str(tmp_path / place), *SMALL], "ot a folder|ot a directory")
+    refused(
+        capsys,
+        tmp_path,
+        [command, "--out", str(tmp_path / place), *SMALL],
+        "ot a folder|ot a directory",
+    )
 
 
 def test_a_folder_that_is_not_empty_is_refused(tmp_path, capsys):
@@ -147,7 +185,12 @@ def test_a_folder_of_something_else_is_refused_by_compare(tmp_path, capsys):
 def test_there_is_nothing_to_resume_where_there_is_no_run(tmp_path, capsys, place):
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("mine")
-    refused(capsys, tmp_path, ["train", "--resume", "--out", str(tmp_path / place)], "there is no run in")
+    refused(
+        capsys,
+        tmp_path,
+        ["train", "--resume", "--out", str(tmp_path / place)],
+        "there is no run in",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +221,18 @@ def test_the_run_of_these_tests_can_be_resumed(complete, run, capsys):
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"{", b"\xff\xfe", b"null", b"[]", b"5", b"{}", b'{"config": []}', b'{"config": 5}', b'{"config": "dqn"}'],
+    [
+        b"",
+        b"{",
+        b"\xff\xfe",
+        b"null",
+        b"[]",
+        b"5",
+        b"{}",
+        b'{"config": []}',
+        b'{"config": 5}',
+        b'{"config": "dqn"}',
+    ],
 )
 def test_a_damaged_config_is_refused(run, capsys, content):
     (run / "config.json").write_bytes(content)
@@ -198,7 +252,9 @@ def truncated(data):
     return data[: len(data) // 2]
 
 
-@pytest.mark.parametrize("damage", [truncated, lambda data: b"", lambda data: b"hello\n" + data[6:]])
+@pytest.mark.parametrize(
+    "damage", [truncated, lambda data: b"", lambda data: b"hello\n" + data[6:]]
+)
 def test_a_damaged_checkpoint_is_refused(run, capsys, damage):
     path = run / "checkpoint.npz"
     path.write_bytes(damage(path.read_bytes()))
@@ -263,7 +319,16 @@ def test_compare_refuses_a_damaged_run(complete, tmp_path, capsys):
 
 def test_compare_refuses_runs_with_other_settings(complete, tmp_path, capsys):
     shutil.copytree(complete, tmp_path / "both" / "dqn")
-    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), *SMALL, "--set", "lr=0.5"]
+    arguments = [
+        "compare",
+        "--agents",
+        "dqn",
+        "--out",
+        str(tmp_path / "both"),
+        *SMALL,
+        "--set",
+        "lr=0.5",
+    ]
     refused(capsys, tmp_path, arguments, "other settings")
 
 
@@ -297,13 +362,21 @@ def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["train", "--env", "x"], ["train", "--resume", "--out", "nowhere"], ["compare", "--set", "lr=0"]]
+    "arguments",
+    [
+        [],
+        ["train", "--env", "x"],
+        ["train", "--resume", "--out", "nowhere"],
+        ["compare", "--set", "lr=0"],
+    ],
 )
 def test_a_process_ends_with_the_same_line_and_status(tmp_path, capsys, arguments, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     expected = capsys.readouterr().err
     monkeypatch.setenv("PYTHONPATH", str(Path(runs.__file__).parents[1]))
-    result = subprocess.run([sys.executable, "-m", "gbdqn_ref", *arguments], capture_output=True, encoding="utf-8")
+    result = subprocess.run(
+        [sys.executable, "-m", "gbdqn_ref", *arguments], capture_output=True, encoding="utf-8"
+    )
     assert (result.returncode, result.stdout, result.stderr) == (2, "", expected)
     assert contents(tmp_path) == {}

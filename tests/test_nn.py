@@ -11,18 +11,30 @@ hidden_layers = pytest.mark.parametrize("hidden", [(), (4,), (4, 3)], ids=["line
 
 
 def loops(net, theta, x):
-    """q (A,) of one θ (P,) and one x (d,), one multiplication at a time; and the smallest |z| before a ReLU."""
+    """q (A,) of one θ (P,) and one x (d,), one multiplication at a time; and the smallest |z|
+    before a ReLU.
+    """
     *hidden, (W_last, b_last) = net.unpack(theta.astype(np.float64))
     kink = np.inf
     for W, b in hidden:
         z = [b[j] + sum(x[i] * W[i, j] for i in range(len(x))) for j in range(len(b))]
         kink = min(kink, *np.abs(z))
         x = [max(z_j, 0.0) for z_j in z]
-    return np.array([b_last[j] + sum(x[i] * W_last[i, j] for i in range(len(x))) for j in range(len(b_last))]), kink
+    return (
+        np.array(
+            [
+                b_last[j] + sum(x[i] * W_last[i, j] for i in range(len(x)))
+                for j in range(len(b_last))
+            ]
+        ),
+        kink,
+    )
 
 
 def finite_differences(f, theta, step=1e-5):
-    """∂f/∂θ, central. Between two kinks the network is linear in each single parameter, so only rounding is left."""
+    """∂f/∂θ, central. Between two kinks the network is linear in each single parameter, so only
+    rounding is left.
+    """
     grad = np.empty_like(theta)
     for i in np.ndindex(theta.shape):
         up, down = theta.copy(), theta.copy()
@@ -51,7 +63,9 @@ def test_unpack_gives_views_and_together_they_are_all_of_theta(net):
 @given(nets(), rngs(), sizes())
 def test_forward_is_the_loops(net, rng, B):
     theta, x = net.init(rng).astype(np.float64), rng.normal(size=(B, net.widths[0]))
-    np.testing.assert_allclose(net.forward(theta, x)[0], [loops(net, theta, row)[0] for row in x], atol=1e-12)
+    np.testing.assert_allclose(
+        net.forward(theta, x)[0], [loops(net, theta, row)[0] for row in x], atol=1e-12
+    )
 
 
 @given(nets(), rngs(), sizes(3), sizes())
@@ -65,7 +79,9 @@ def test_a_stack_answers_and_learns_like_each_member_alone(net, rng, k, B):
         for j, x_j in enumerate(np.broadcast_to(x, (k, *x.shape[-2:]))):
             q_j, cache_j = net.forward(theta[j], x_j)
             np.testing.assert_allclose(q[j], q_j, rtol=1e-4, atol=1e-5)
-            np.testing.assert_allclose(grad[j], net.backward(theta[j], cache_j, dq[j]), rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(
+                grad[j], net.backward(theta[j], cache_j, dq[j]), rtol=1e-4, atol=1e-5
+            )
 
 
 @given(nets(), rngs(), sizes(3), sizes())
@@ -107,7 +123,9 @@ def test_the_arithmetic_has_thetas_precision(of_theta, of_x):
     net = MLP((2, 3, 1))
     theta = net.init(np.random.default_rng(0)).astype(of_theta)
     q, cache = net.forward(theta, np.ones((4, 2), of_x))
-    assert {array.dtype for array in (q, *cache, net.backward(theta, cache, q))} == {np.dtype(of_theta)}
+    assert {array.dtype for array in (q, *cache, net.backward(theta, cache, q))} == {
+        np.dtype(of_theta)
+    }
 
 
 def test_init_is_uniform_within_one_over_the_root_of_the_inputs():

@@ -1,4 +1,6 @@
-"""The notebooks run, as committed they show what their sources say, and nothing in them belongs to one machine."""
+"""The notebooks run, as committed they show what their sources say, and nothing in them belongs to
+one machine.
+"""
 
 import json
 import os
@@ -22,13 +24,19 @@ def test_it_runs_from_top_to_bottom_and_shows_the_source_of_today(path, monkeypa
     """In fast mode; every assertion in a cell, solutions included, is one of this test's."""
     monkeypatch.setenv("NOTEBOOKS", "fast")
     executed = render.execute(render.read(path))
-    assert markdown(executed) == markdown(nbformat.read(path.with_suffix(".ipynb"), as_version=4)), "make notebooks"
+    assert markdown(executed) == markdown(
+        nbformat.read(path.with_suffix(".ipynb"), as_version=4)
+    ), "make notebooks"
 
 
 def markdown(notebook):
     """What the cells show as Markdown: the package's source, and tables made from it."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-    return [output["data"]["text/markdown"] for output in outputs if "text/markdown" in output.get("data", {})]
+    return [
+        output["data"]["text/markdown"]
+        for output in outputs
+        if "text/markdown" in output.get("data", {})
+    ]
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
@@ -41,7 +49,9 @@ def test_the_committed_notebook_has_the_cells_of_its_source(path):
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
 def test_its_outputs_are_small_and_belong_to_no_machine(path):
-    """No paths, no memory addresses, no times, no widgets, no errors; every code cell was executed, in order."""
+    """No paths, no memory addresses, no times, no widgets, no errors; every code cell was executed,
+    in order.
+    """
     text = path.with_suffix(".ipynb").read_text(encoding="utf-8")
     assert len(text) < 0.7 * MEGABYTE
     cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
@@ -49,7 +59,9 @@ def test_its_outputs_are_small_and_belong_to_no_machine(path):
     assert [cell["execution_count"] for cell in executed] == list(range(1, len(executed) + 1))
     outputs = json.dumps([cell["outputs"] for cell in cells])
     outputs = re.sub(r'"image/png": "[^"]*"', "", outputs)
-    assert not re.search(r"/(home|Users|root|tmp|opt|usr)/|C:\\\\| at 0x|widget-view|\bms\b|µs|it/s", outputs)
+    assert not re.search(
+        r"/(home|Users|root|tmp|opt|usr)/|C:\\\\| at 0x|widget-view|\bms\b|µs|it/s", outputs
+    )
     assert str(FOLDER.parent) not in outputs
     assert '"output_type": "error"' not in outputs
 
@@ -59,7 +71,12 @@ def test_the_sliders_can_be_made(name):
     """Their cells are left out above; as a script the same source runs with them."""
     environ = os.environ | {"NOTEBOOKS": "fast", "MPLBACKEND": "agg"}
     script = subprocess.run(
-        [sys.executable, f"{name}.py"], cwd=FOLDER, env=environ, capture_output=True, text=True, check=False
+        [sys.executable, f"{name}.py"],
+        cwd=FOLDER,
+        env=environ,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert script.returncode == 0, script.stderr
     assert "interactive(children=(FloatSlider(" in script.stdout

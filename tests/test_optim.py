@@ -12,9 +12,10 @@ from gbdqn_ref.optim import Adam, clip_by_norm, polyak
 def test_three_steps_of_adam_by_hand():
     """A large eps shows where it stands: outside the root, and added after the correction."""
     theta, adam = np.array([1.0]), Adam(1, lr=0.1, betas=(0.5, 0.75), eps=0.5)
-    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) =   4;   v = 0 + 16/4 =  4,  v̂ =  4 / (1/4)   = 16
-    # g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3;   v = 3 +  4/4 =  4,  v̂ =  4 / (7/16)  = 64/7
-    # g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7;  v = 3 + 36/4 = 12,  v̂ = 12 / (37/64) = 768/37
+    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) =   4;   v = 0 + 16/4 =  4,  v̂ =  4 / (1/4)   =
+    # 16 g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3;   v = 3 +  4/4 =  4,  v̂ =  4 / (7/16)
+    # = 64/7 g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7;  v = 3 + 36/4 = 12,  v̂ = 12 /
+    # (37/64) = 768/37
     first = 1 - 0.1 * 4 / (4 + 0.5)
     second = first - 0.1 * (8 / 3) / ((64 / 7) ** 0.5 + 0.5)
     third = second + 0.1 * (16 / 7) / ((768 / 37) ** 0.5 + 0.5)
@@ -29,7 +30,10 @@ def test_adams_constants_are_those_of_its_paper():
 
 @given(rngs(), sizes(3), sizes(5))
 def test_adam_moves_a_stack_as_it_moves_each_member(rng, k, n):
-    stack, gradients = rng.normal(size=(k, n)).astype(np.float32), rng.normal(size=(4, k, n)).astype(np.float32)
+    stack, gradients = (
+        rng.normal(size=(k, n)).astype(np.float32),
+        rng.normal(size=(4, k, n)).astype(np.float32),
+    )
     members, together, alone = stack.copy(), Adam((k, n), 0.01), [Adam(n, 0.01) for _ in range(k)]
     for gradient in gradients:
         together.step(stack, gradient)
@@ -72,14 +76,20 @@ def test_clipping_shortens_what_is_too_long_and_nothing_else(first, second, max_
     for grad, clipped in zip(stack, clip_by_norm(stack, max_norm), strict=True):
         norm, clipped_norm = np.linalg.norm(grad), np.linalg.norm(clipped)
         assert clipped_norm <= max_norm * (1 + 1e-6)
-        np.testing.assert_allclose(clipped * norm, grad * clipped_norm, rtol=1e-9, atol=1e-9)  # direction
+        np.testing.assert_allclose(
+            clipped * norm, grad * clipped_norm, rtol=1e-9, atol=1e-9
+        )  # direction
         if norm < max_norm * (1 - 1e-9):
             assert clipped.tolist() == grad.tolist()
-        np.testing.assert_array_equal(clipped, clip_by_norm(grad, max_norm))  # catches a norm over the whole stack
+        np.testing.assert_array_equal(
+            clipped, clip_by_norm(grad, max_norm)
+        )  # catches a norm over the whole stack
 
 
 def test_clipping_takes_a_gradient_of_0_and_keeps_the_precision():
-    zero = np.zeros((2, 3), np.float32)  # catches max_norm / ‖grad‖, which warns here, and warnings are errors
+    zero = np.zeros(
+        (2, 3), np.float32
+    )  # catches max_norm / ‖grad‖, which warns here, and warnings are errors
     clipped = clip_by_norm(zero, 10.0)
     assert not clipped.any() and clipped.dtype == np.float32
 

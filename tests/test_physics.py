@@ -1,4 +1,6 @@
-"""A drifted environment is a freshly built one with other constants, and nothing else about it differs from stock."""
+"""A drifted environment is a freshly built one with other constants, and nothing else about it
+differs from stock.
+"""
 
 import gymnasium
 import numpy as np
@@ -12,7 +14,15 @@ from gbdqn_ref import drift
 from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole
 
 CONSTANTS = {
-    "cartpole": ("gravity", "masscart", "masspole", "length", "force_mag", "total_mass", "polemass_length"),
+    "cartpole": (
+        "gravity",
+        "masscart",
+        "masspole",
+        "length",
+        "force_mag",
+        "total_mass",
+        "polemass_length",
+    ),
     "mountaincar": ("gravity", "force"),
     "acrobot": (
         "gravity",
@@ -35,14 +45,20 @@ def factors_for(name):
 
 
 class OracleAcrobot(AcrobotEnv):
-    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance instead of being 9.8 in the formula."""
+    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance instead of being 9.8
+    in the formula.
+    """
 
     gravity = 9.8
 
     def _dsdt(self, s_augmented):
         m1, m2, l1, lc1, lc2 = (
-            self.LINK_MASS_1, self.LINK_MASS_2, self.LINK_LENGTH_1, self.LINK_COM_POS_1, self.LINK_COM_POS_2
-        )  # fmt: skip
+            self.LINK_MASS_1,
+            self.LINK_MASS_2,
+            self.LINK_LENGTH_1,
+            self.LINK_COM_POS_1,
+            self.LINK_COM_POS_2,
+        )
         I1, I2, g = self.LINK_MOI, self.LINK_MOI, self.gravity
         theta1, theta2, dtheta1, dtheta2, a = s_augmented
         d1 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * cos(theta2)) + I1 + I2
@@ -65,7 +81,10 @@ def fresh_cartpole(gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=
     env = CartPoleEnv()
     env.gravity, env.masscart, env.masspole = 9.8 * gravity, 1.0 * cart_mass, 0.1 * pole_mass
     env.length, env.force_mag = 0.5 * length, 10.0 * force
-    env.total_mass, env.polemass_length = 0.1 * pole_mass + 1.0 * cart_mass, 0.1 * pole_mass * (0.5 * length)
+    env.total_mass, env.polemass_length = (
+        0.1 * pole_mass + 1.0 * cart_mass,
+        0.1 * pole_mass * (0.5 * length),
+    )
     return env
 
 
@@ -111,7 +130,9 @@ def transitions(name, n=40, seed=0):
 
 
 def apart(name, x, y):
-    """The largest difference of two states; angles of Acrobot that differ by a full turn are the same."""
+    """The largest difference of two states; angles of Acrobot that differ by a full turn are the
+    same.
+    """
     gap = np.abs(x - y)
     if name == "acrobot":
         gap[:2] = np.minimum(gap[:2], 2 * pi - gap[:2])
@@ -139,20 +160,34 @@ def test_every_environment_is_checked_here_or_is_hopper_with_a_file_of_its_own()
 @pytest.mark.parametrize("by", [0.5, 1.7])
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
 def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
-    # catches a derived constant that does not follow: total_mass, polemass_length, LINK_COM_POS, LINK_MOI
-    same_transitions(name, drifted(name, **{key: by}), FRESH[name](**{key: by}), 1e-12 if name == "acrobot" else 0)
+    # catches a derived constant that does not follow: total_mass, polemass_length, LINK_COM_POS,
+    # LINK_MOI
+    same_transitions(
+        name,
+        drifted(name, **{key: by}),
+        FRESH[name](**{key: by}),
+        1e-12 if name == "acrobot" else 0,
+    )
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_all_factors_together_are_a_freshly_built_environment(name):
     factors = {key: 0.6 + 0.3 * i for i, key in enumerate(drift.factors_of(name))}
-    same_transitions(name, drifted(name, **factors), FRESH[name](**factors), 1e-12 if name == "acrobot" else 0)
+    same_transitions(
+        name, drifted(name, **factors), FRESH[name](**factors), 1e-12 if name == "acrobot" else 0
+    )
 
 
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
 def test_this_change_has_an_effect(name, key):
     stock, changed = drifted(name), drifted(name, **{key: 1.5})
-    assert max(apart(name, after(stock, s, a)[0], after(changed, s, a)[0]) for s, a in transitions(name, 10)) > 1e-5
+    assert (
+        max(
+            apart(name, after(stock, s, a)[0], after(changed, s, a)[0])
+            for s, a in transitions(name, 10)
+        )
+        > 1e-5
+    )
 
 
 @pytest.mark.parametrize("by", [-1.0, -0.5])
@@ -195,7 +230,9 @@ def test_only_the_instance_drifts_never_the_class(name):
 def test_a_setter_governs_just_the_constants_compared_here(name):
     stock, env = drifted(name), drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
     numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
-    assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(CONSTANTS[name])
+    assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(
+        CONSTANTS[name]
+    )
 
 
 def test_acrobot_at_nominal_constants_is_the_stock_acrobot():
@@ -227,12 +264,18 @@ def test_acrobot_episodes_are_the_stock_episodes(seed):
 
 def test_acrobot_is_registered_like_the_stock_one():
     ours, stock = gymnasium.spec("gbdqn_ref/Acrobot-v1"), gymnasium.spec("Acrobot-v1")
-    assert (ours.max_episode_steps, ours.reward_threshold) == (stock.max_episode_steps, stock.reward_threshold)
+    assert (ours.max_episode_steps, ours.reward_threshold) == (
+        stock.max_episode_steps,
+        stock.reward_threshold,
+    )
     assert drift.make("acrobot").observation_space == gymnasium.make("Acrobot-v1").observation_space
 
 
 def alike(env, other):
-    assert all(apart("acrobot", after(env, s, a)[0], after(other, s, a)[0]) < 1e-9 for s, a in transitions("acrobot"))
+    assert all(
+        apart("acrobot", after(env, s, a)[0], after(other, s, a)[0]) < 1e-9
+        for s, a in transitions("acrobot")
+    )
 
 
 @pytest.mark.parametrize("k", [0.5, 1.5, 4.0])
@@ -261,7 +304,12 @@ def lagrangian_acceleration(state, push, g, cart, pole, half_length):
     return np.linalg.solve(masses, forces)[1]
 
 
-@given(st.sampled_from(sorted(drift.factors_of("cartpole"))), factor, st.integers(0, 1), st.integers(0, 99))
+@given(
+    st.sampled_from(sorted(drift.factors_of("cartpole"))),
+    factor,
+    st.integers(0, 1),
+    st.integers(0, 99),
+)
 @settings(max_examples=60, deadline=None)
 def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, seed):
     env = CartPoleEnv()
@@ -269,9 +317,13 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
     state = np.random.default_rng(seed).uniform(*STATES["cartpole"])
     f = dict.fromkeys(drift.factors_of("cartpole"), 1.0) | {key: by}
     expected = lagrangian_acceleration(
-        state, (20 * action - 10) * f["force"], 9.8 * f["gravity"], f["cart_mass"], 0.1 * f["pole_mass"],
+        state,
+        (20 * action - 10) * f["force"],
+        9.8 * f["gravity"],
+        f["cart_mass"],
+        0.1 * f["pole_mass"],
         0.5 * f["length"],
-    )  # fmt: skip
+    )
     observed = (after(env, state, action)[0][3] - state[3]) / env.tau
     assert observed == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
@@ -279,5 +331,6 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
 def test_a_pole_ten_times_as_heavy_alone_accelerates_rightly():
     env, state = CartPoleEnv(), (0.0, 0.0, 0.0, 0.0)
     set_cartpole(env, pole_mass=10.0)
-    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6); with stale total_mass it is −42.9
+    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6); with stale
+    # total_mass it is −42.9
     assert after(env, state, 1)[0][3] / env.tau == pytest.approx(-12.0)

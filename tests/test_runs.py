@@ -1,4 +1,6 @@
-"""A run's folder: the same bytes in every process, also when it was killed on the way and resumed."""
+"""A run's folder: the same bytes in every process, also when it was killed on the way and
+resumed.
+"""
 
 import json
 import os
@@ -18,13 +20,22 @@ from gbdqn_ref import UsageError, __main__, checkpoint, drift, runs, train
 from gbdqn_ref.config import Config
 
 FILES = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
-SCHEDULE = [{"episode": 8, "length": 2}, {"episode": 15, "gravity": 2, "length": 2}, {"episode": 22, "reset": True}]
+SCHEDULE = [
+    {"episode": 8, "length": 2},
+    {"episode": 15, "gravity": 2, "length": 2},
+    {"episode": 22, "reset": True},
+]
 SMALL = dict(episodes=30, learning_starts=50, hidden=[16], capacity=400, schedule=SCHEDULE)
-SETTINGS = [part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+SETTINGS = [
+    part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")
+]
 RARELY = ["-m", "gbdqn_ref"]
 ALWAYS = [
     "-c",
-    "import sys; from gbdqn_ref import runs, __main__ as m; runs.CHECKPOINT_SECONDS = -1; sys.exit(m.main())",
+    (
+        "import sys; from gbdqn_ref import runs, __main__ as m; runs.CHECKPOINT_SECONDS = -1;"
+        " sys.exit(m.main())"
+    ),
 ]
 both = pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
 
@@ -40,9 +51,13 @@ def environ(**variables):
 def cli(*arguments, cwd=None, **variables):
     """python -m gbdqn_ref … in a process of its own: (exit status, stdout, stderr)."""
     result = subprocess.run(
-        command(*arguments), cwd=cwd, env=environ(PYTHONIOENCODING="utf-8", **variables), capture_output=True,
-        encoding="utf-8", timeout=60,
-    )  # fmt: skip
+        command(*arguments),
+        cwd=cwd,
+        env=environ(PYTHONIOENCODING="utf-8", **variables),
+        capture_output=True,
+        encoding="utf-8",
+        timeout=60,
+    )
     return result.returncode, result.stdout, result.stderr
 
 
@@ -51,7 +66,11 @@ def config_of(agent, seed=0):
 
 
 def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def restore(files, folder):
@@ -73,7 +92,7 @@ class Crash(BaseException):
     """Not an Exception, so that nothing can take it for an error and go on."""
 
 
-# --- the same bytes --------------------------------------------------------------------------------------------------
+# --- the same bytes -------------------------------------------------------------------------------
 
 
 @both
@@ -95,7 +114,7 @@ def test_another_seed_writes_other_bytes(tmp_path, undisturbed, agent):
     assert [name for name in FILES if other[name] == undisturbed[agent][name]] == []
 
 
-# --- killed and resumed ----------------------------------------------------------------------------------------------
+# --- killed and resumed ---------------------------------------------------------------------------
 
 
 def lines(path):
@@ -106,7 +125,9 @@ def lines(path):
 
 
 @both
-def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path, undisturbed, agent):
+def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(
+    tmp_path, undisturbed, agent
+):
     """kill -9 at random moments of a process that writes a checkpoint at every episode."""
     out, rng, kills = tmp_path / "run", random.Random(agent), 0
     arguments = ["train", "--agent", agent, *SETTINGS]
@@ -133,7 +154,9 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(tmp_path,
 
 
 def checkpoints_every(episodes, monkeypatch):
-    """Let a checkpoint be due every so many episodes, by a clock that ticks once when it is read."""
+    """Let a checkpoint be due every so many episodes, by a clock that ticks once when it is
+    read.
+    """
     clock = iter(range(10**6))
     monkeypatch.setattr(runs, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", episodes - 1)
@@ -154,7 +177,9 @@ def train_until_file(n, out, agent):
         runs.train(config_of(agent), out, quiet=True)
 
 
-@pytest.mark.parametrize("n", range(2, 9))  # of 8: config, episodes, three checkpoints, the last one, curve, summary
+@pytest.mark.parametrize(
+    "n", range(2, 9)
+)  # of 8: config, episodes, three checkpoints, the last one, curve, summary
 def test_a_crash_at_any_file_is_made_good(tmp_path, undisturbed, monkeypatch, n):
     checkpoints_every(8, monkeypatch)  # so that there are lines to cut
     with pytest.raises(Crash):
@@ -163,7 +188,9 @@ def test_a_crash_at_any_file_is_made_good(tmp_path, undisturbed, monkeypatch, n)
     assert contents(tmp_path) == undisturbed["gbdqn"]
 
 
-def test_a_run_that_crashed_before_its_config_was_written_can_be_started_again(tmp_path, undisturbed):
+def test_a_run_that_crashed_before_its_config_was_written_can_be_started_again(
+    tmp_path, undisturbed
+):
     with pytest.raises(Crash):
         train_until_file(1, tmp_path, "dqn")
     runs.train(config_of("dqn"), tmp_path, quiet=True)
@@ -186,7 +213,11 @@ def interrupted(tmp_path):
         with pytest.raises(Crash):
             runs.train(config_of("gbdqn"), tmp_path / "interrupted", quiet=True)
     assert lines(tmp_path / "interrupted" / "episodes.csv") == 22
-    assert set(contents(tmp_path / "interrupted")) == {"config.json", "episodes.csv", "checkpoint.npz"}
+    assert set(contents(tmp_path / "interrupted")) == {
+        "config.json",
+        "episodes.csv",
+        "checkpoint.npz",
+    }
     return tmp_path / "interrupted"
 
 
@@ -197,7 +228,9 @@ def test_without_a_checkpoint_a_run_starts_anew(interrupted, undisturbed):
 
 
 @pytest.mark.parametrize("tail", [b"21,2,,1", b"21,2,,14.0,14,", b"\n\n", b"\xff\xfe"])
-def test_a_line_that_was_half_written_after_the_checkpoint_does_no_harm(interrupted, undisturbed, tail):
+def test_a_line_that_was_half_written_after_the_checkpoint_does_no_harm(
+    interrupted, undisturbed, tail
+):
     with open(interrupted / "episodes.csv", "ab") as file:
         file.write(tail)
     runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
@@ -213,22 +246,34 @@ def test_a_half_written_file_from_before_the_crash_does_no_harm(interrupted, und
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["--agent", "gbdqn", *SETTINGS], ["--env", "cartpole", "--seed", "0", *SETTINGS]]
+    "arguments",
+    [[], ["--agent", "gbdqn", *SETTINGS], ["--env", "cartpole", "--seed", "0", *SETTINGS]],
 )
-def test_a_run_is_resumed_with_the_same_flags_or_with_none(interrupted, undisturbed, arguments, capsys):
-    assert __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 0
+def test_a_run_is_resumed_with_the_same_flags_or_with_none(
+    interrupted, undisturbed, arguments, capsys
+):
+    assert (
+        __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 0
+    )
     assert contents(interrupted) == undisturbed["gbdqn"]
     assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--agent", "dqn", *SETTINGS], ["--seed", "1", *SETTINGS], [*SETTINGS, "--set", "lr=0.5"], ["--env", "acrobot"]],
+    [
+        ["--agent", "dqn", *SETTINGS],
+        ["--seed", "1", *SETTINGS],
+        [*SETTINGS, "--set", "lr=0.5"],
+        ["--env", "acrobot"],
+    ],
     ids=lambda arguments: " ".join(arguments[-2:])[:40],
 )
 def test_a_run_is_not_resumed_with_other_flags(interrupted, arguments, capsys):
     before = contents(interrupted)
-    assert __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 2
+    assert (
+        __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 2
+    )
     error = capsys.readouterr().err
     assert "other settings" in error and error.count("\n") == 1
     assert contents(interrupted) == before
@@ -244,7 +289,9 @@ def test_a_complete_run_is_only_read(tmp_path, undisturbed):
     assert contents(tmp_path) == undisturbed["dqn"]
 
 
-def test_ctrl_c_is_answered_in_words_and_can_be_resumed(interrupted, undisturbed, monkeypatch, capsys):
+def test_ctrl_c_is_answered_in_words_and_can_be_resumed(
+    interrupted, undisturbed, monkeypatch, capsys
+):
     def run(*arguments):
         yield from [next(train.run(*arguments))]
         raise KeyboardInterrupt
@@ -258,20 +305,26 @@ def test_ctrl_c_is_answered_in_words_and_can_be_resumed(interrupted, undisturbed
     assert contents(interrupted) == undisturbed["gbdqn"]
 
 
-# --- what is in the folder -------------------------------------------------------------------------------------------
+# --- what is in the folder ------------------------------------------------------------------------
 
 
 @both
 def test_episodes_csv_holds_what_the_run_yielded(tmp_path, undisturbed, agent):
     (tmp_path / "episodes.csv").write_bytes(undisturbed[agent]["episodes.csv"])
     yielded = list(train.run(config_of(agent)))
-    assert [repr(record) for record in runs.read_episodes(tmp_path)] == [repr(record) for record in yielded]
+    assert [repr(record) for record in runs.read_episodes(tmp_path)] == [
+        repr(record) for record in yielded
+    ]
     assert [(record["episode"], record["event"]) for record in yielded if record["event"]] == [
         (8, "drift"), (15, "drift"), (22, "reset")
     ]  # fmt: skip
     assert [record["regime"] for record in yielded] == [0] * 8 + [1] * 7 + [2] * 7 + [3] * 8
-    assert all(record["return"] == record["length"] for record in yielded), "CartPole pays 1 per step"
-    assert np.cumsum([record["length"] for record in yielded]).tolist() == [record["steps"] for record in yielded]
+    assert all(record["return"] == record["length"] for record in yielded), (
+        "CartPole pays 1 per step"
+    )
+    assert np.cumsum([record["length"] for record in yielded]).tolist() == [
+        record["steps"] for record in yielded
+    ]
 
 
 @both
@@ -304,24 +357,42 @@ def test_the_last_checkpoint_is_the_agent_at_the_end_of_the_run(tmp_path, undist
     restored, trained = train.make_agent(config_of(agent)), train.make_agent(config_of(agent))
     list(train.run(config_of(agent), trained))
     assert checkpoint.load(tmp_path / "checkpoint.npz", restored) == 30
-    np.testing.assert_array_equal(restored.q(np.eye(4, dtype=np.float32)), trained.q(np.eye(4, dtype=np.float32)))
+    np.testing.assert_array_equal(
+        restored.q(np.eye(4, dtype=np.float32)), trained.q(np.eye(4, dtype=np.float32))
+    )
 
 
 def test_the_curve_is_a_picture(undisturbed):
     for files in undisturbed.values():
-        assert files["curve.png"].startswith(b"\x89PNG\r\n\x1a\n") and len(files["curve.png"]) > 10_000
+        assert (
+            files["curve.png"].startswith(b"\x89PNG\r\n\x1a\n") and len(files["curve.png"]) > 10_000
+        )
 
 
 @pytest.mark.parametrize("env", drift.ENVIRONMENTS)
 def test_every_environment_can_be_run_from_the_command_line(tmp_path, env, capsys):
-    arguments = ["--env", env, "--agent", "gbdqn", "--preset", "fast", "--set", "episodes=2", "--set", "hidden=[4]"]
+    arguments = [
+        "--env",
+        env,
+        "--agent",
+        "gbdqn",
+        "--preset",
+        "fast",
+        "--set",
+        "episodes=2",
+        "--set",
+        "hidden=[4]",
+    ]
     schedule = '--set=schedule=[{"episode": 1, "gravity": 1.1}]'
-    assert __main__.main(["train", *arguments, schedule, "--out", str(tmp_path / "run"), "--quiet"]) == 0
+    assert (
+        __main__.main(["train", *arguments, schedule, "--out", str(tmp_path / "run"), "--quiet"])
+        == 0
+    )
     assert set(contents(tmp_path / "run")) == FILES
     assert "gravity × 1.1" in capsys.readouterr().out
 
 
-# --- the command line ------------------------------------------------------------------------------------------------
+# --- the command line -----------------------------------------------------------------------------
 
 
 def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, undisturbed):
@@ -330,7 +401,9 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     assert (status, stderr) == (0, "")
     first = contents(out)
     assert first.pop("comparison.png").startswith(b"\x89PNG")
-    assert first == {f"{agent}/{name}": undisturbed[agent][name] for agent in undisturbed for name in FILES}
+    assert first == {
+        f"{agent}/{name}": undisturbed[agent][name] for agent in undisturbed for name in FILES
+    }
     first = contents(out)
     assert cli("compare", *SETTINGS, "--out", out, "--quiet") == (0, stdout, "")
     assert contents(out) == first
@@ -340,7 +413,10 @@ def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, 
     out = tmp_path / "both"
     shutil.copytree(interrupted, out / "gbdqn")
     assert __main__.main(["compare", *SETTINGS, "--out", str(out), "--quiet"]) == 0
-    assert contents(out / "gbdqn") == undisturbed["gbdqn"] and contents(out / "dqn") == undisturbed["dqn"]
+    assert (
+        contents(out / "gbdqn") == undisturbed["gbdqn"]
+        and contents(out / "dqn") == undisturbed["dqn"]
+    )
 
 
 def test_the_table_has_a_line_per_regime_and_a_column_per_agent(tmp_path, undisturbed, capsys):
@@ -358,7 +434,10 @@ def test_the_table_has_a_line_per_regime_and_a_column_per_agent(tmp_path, undist
         for row, regime in zip(rows, summary["regimes"], strict=True):
             assert f"{regime['mean_return']:.1f}" in row
             assert regime["drop"] is None or f"{regime['drop']:.0%}" in row
-            assert regime["drop"] is None or (str(regime["recovery"]) if regime["recovery"] else "never") in row
+            assert (
+                regime["drop"] is None
+                or (str(regime["recovery"]) if regime["recovery"] else "never") in row
+            )
 
 
 def test_the_progress_is_shown_on_stderr_and_the_table_on_stdout(tmp_path):
@@ -382,7 +461,7 @@ def test_a_run_does_not_begin_in_the_folder_of_another(tmp_path, undisturbed):
     assert contents(tmp_path) == undisturbed["dqn"]
 
 
-# --- evaluation in every regime ---------------------------------------------------------------------------------------
+# --- evaluation in every regime -------------------------------------------------------------------
 
 
 @both
@@ -394,7 +473,9 @@ def test_after_each_regime_the_agent_is_evaluated_in_every_regime(tmp_path, undi
     config = config_of(agent)
     learner = train.make_agent(config)
     checkpoint.load(tmp_path / "run" / "checkpoint.npz", learner)
-    for (length, gravity), mean in zip([(1, 1), (2, 1), (2, 2), (1, 1)], summary["evaluation"][-1], strict=True):
+    for (length, gravity), mean in zip(
+        [(1, 1), (2, 1), (2, 2), (1, 1)], summary["evaluation"][-1], strict=True
+    ):
         env = drift.make("cartpole", [{"episode": 0, "length": length, "gravity": gravity}])
         assert train.evaluate(learner, env, 5, config.seed).mean() == mean
 

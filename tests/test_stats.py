@@ -28,7 +28,9 @@ def records(*regimes):
     for regime, returns in enumerate(regimes):
         for i, r in enumerate(returns):
             event = "drift" if regime and not i else ""
-            rows.append({"episode": len(rows), "regime": regime, "event": event, "return": float(r)})
+            rows.append(
+                {"episode": len(rows), "regime": regime, "event": event, "return": float(r)}
+            )
     return rows
 
 
@@ -70,7 +72,9 @@ def test_recovery_is_the_episode_at_which_the_mean_of_10_is_first_at_90_percent(
     assert recovery(levels) == episodes
 
 
-@pytest.mark.parametrize("levels", [[0.89] * 300, [0.0] * 10, [0.0, 1.0] * 50, [-5.0] * 40 + [1.0] * 8])
+@pytest.mark.parametrize(
+    "levels", [[0.89] * 300, [0.0] * 10, [0.0, 1.0] * 50, [-5.0] * 40 + [1.0] * 8]
+)
 def test_recovery_that_never_comes_is_none(levels):
     assert recovery(levels) is None
 
@@ -86,15 +90,32 @@ def test_recovery_means_a_mean_not_one_good_episode():
 
 def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
     assert regime_table(records([10, 20]), 0.0) == [
-        dict(regime=0, first_episode=0, episodes=2, event="", mean_return=15.0, drop=None, recovery=None, area=None)
+        dict(
+            regime=0,
+            first_episode=0,
+            episodes=2,
+            event="",
+            mean_return=15.0,
+            drop=None,
+            recovery=None,
+            area=None,
+        )
     ]
 
 
 def test_the_table_of_a_drop_and_a_recovery():
-    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level, and 92 is 90 % of it
+    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level,
+    # and 92 is 90 % of it
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
-        regime=1, first_episode=25, episodes=40, event="drift", mean_return=80.0, drop=0.5, recovery=28, area=0.75
+        regime=1,
+        first_episode=25,
+        episodes=40,
+        event="drift",
+        mean_return=80.0,
+        drop=0.5,
+        recovery=28,
+        area=0.75,
     )  # (2 · 60 + 8 · 100) / 10 = 92
 
 
@@ -113,7 +134,9 @@ def test_a_gain_is_a_negative_drop():
 
 
 def test_a_level_is_counted_from_the_random_policy_where_returns_are_negative():
-    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[1]  # −140 is (500 − 140) / 400 = 0.9 of the way
+    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[
+        1
+    ]  # −140 is (500 − 140) / 400 = 0.9 of the way
     assert row["drop"] == pytest.approx(0.1)
     assert regime_table(records([-100] * 20, [-141] * 30), -500.0)[1]["recovery"] is None
     assert regime_table(records([-100] * 20, [-139] * 30), -500.0)[1]["recovery"] == 10
@@ -139,7 +162,8 @@ def test_a_short_regime_is_compared_with_what_there_is_before_it():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5) / 7 = 55/7
+    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5)
+    # / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
@@ -153,7 +177,9 @@ def test_the_table_says_where_each_regime_begins_and_by_which_event():
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of it."""
+    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of
+    it.
+    """
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -195,14 +221,18 @@ def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½ or at its edges."""
+    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½
+    or at its edges.
+    """
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
 
 
 def test_environments_are_resampled_by_themselves():
-    """Runs that agree within each environment leave no spread, however far the environments are apart."""
+    """Runs that agree within each environment leave no spread, however far the environments are
+    apart.
+    """
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
@@ -228,12 +258,21 @@ def test_mean_and_std_by_hand():
 
 @pytest.mark.parametrize(
     ("times", "median"),
-    [([10, 30, 20], 20), ([10, None, 20], 20), ([None, 10, None], None), ([10, 20], 15), ([10, None], None), ([9], 9)],
+    [
+        ([10, 30, 20], 20),
+        ([10, None, 20], 20),
+        ([None, 10, None], None),
+        ([10, 20], 15),
+        ([10, None], None),
+        ([9], 9),
+    ],
 )
 def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
     assert median_recovery(times) == median
 
 
 def test_forgetting_is_what_was_best_less_what_is_left():
-    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met does not count."""
+    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met
+    does not count.
+    """
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]

@@ -1,4 +1,6 @@
-"""A study leaves the same bytes however its runs were spread, and whatever was killed on the way."""
+"""A study leaves the same bytes however its runs were spread, and whatever was killed on the
+way.
+"""
 
 import contextlib
 import importlib.util
@@ -19,9 +21,21 @@ from gbdqn_ref import UsageError, runs, study
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
-SMALL = dict(episodes=12, learning_starts=30, hidden=[8], capacity=200, schedule=[{"episode": 6, "length": 2}])
-SETTINGS = [part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")]
-CONFIGS = [Config.preset("cartpole", agent=agent, seed=seed, **SMALL) for seed in (0, 1) for agent in ("dqn", "random")]
+SMALL = dict(
+    episodes=12,
+    learning_starts=30,
+    hidden=[8],
+    capacity=200,
+    schedule=[{"episode": 6, "length": 2}],
+)
+SETTINGS = [
+    part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")
+]
+CONFIGS = [
+    Config.preset("cartpole", agent=agent, seed=seed, **SMALL)
+    for seed in (0, 1)
+    for agent in ("dqn", "random")
+]
 NAMES = ["dqn-0", "random-0", "dqn-1", "random-1"]
 
 
@@ -41,7 +55,11 @@ class Here(Executor):
 
 
 def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +71,18 @@ def sequential(tmp_path_factory):
 
 
 def command(out, *more):
-    start = ["-m", "gbdqn_ref", "study", "--env", "cartpole", "--agents", "dqn,random", "--seeds", "2", "--quiet"]
+    start = [
+        "-m",
+        "gbdqn_ref",
+        "study",
+        "--env",
+        "cartpole",
+        "--agents",
+        "dqn,random",
+        "--seeds",
+        "2",
+        "--quiet",
+    ]
     return [sys.executable, *start, *SETTINGS, "--out", str(out), *more]
 
 
@@ -70,7 +99,9 @@ def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
     assert (results["agents"], results["seeds"]) == (["dqn", "random"], [0, 1])
 
 
-def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(tmp_path, sequential, capsys):
+def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
+    tmp_path, sequential, capsys
+):
     for _ in range(2):
         assert main(command(tmp_path / "out")[3:]) == 0
         names = ("curves.png", "adaptation.png", "forest.png")
@@ -85,7 +116,9 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(tmp_path,
 
 def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential):
     out = tmp_path / "out"
-    process = subprocess.Popen(command(out), env=environ(), start_new_session=True, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command(out), env=environ(), start_new_session=True, stderr=subprocess.DEVNULL
+    )
     while not list(out.glob("*/episodes.csv")):
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGKILL)
@@ -98,7 +131,9 @@ def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential)
 
 def test_workers_die_with_their_study_and_so_leave_its_runs_to_the_next(tmp_path):
     out = tmp_path / "out"
-    process = subprocess.Popen(command(out, "--set", "episodes=1000000"), env=environ(), start_new_session=True)
+    process = subprocess.Popen(
+        command(out, "--set", "episodes=1000000"), env=environ(), start_new_session=True
+    )
     try:
         while len(list(out.glob("*/episodes.csv"))) < 2:
             time.sleep(0.01)
@@ -148,7 +183,9 @@ def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential
     printed = capsys.readouterr()
     assert "dqn-1 failed: UsageError: " in printed.err and "is not a folder" in printed.err
     assert len(printed.err.splitlines()) == 1
-    assert all((tmp_path / "out" / name / "summary.json").exists() for name in NAMES if name != "dqn-1")
+    assert all(
+        (tmp_path / "out" / name / "summary.json").exists() for name in NAMES if name != "dqn-1"
+    )
     assert not (tmp_path / "out" / "results.json").exists()
 
 
@@ -160,7 +197,9 @@ def test_the_report_sorts_the_runs_by_agent(tmp_path, sequential):
         "random": [0, 1],
     }
     assert [len(run) for run in records["dqn"]] == [12, 12]
-    assert [run[0]["return"] for run in records["dqn"]] != [run[0]["return"] for run in records["random"]]
+    assert [run[0]["return"] for run in records["dqn"]] != [
+        run[0]["return"] for run in records["random"]
+    ]
 
 
 def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, sequential):
@@ -183,7 +222,10 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
 
 def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
-    with runs.locked(tmp_path / "out"), pytest.raises(UsageError, match="in use by another process"):
+    with (
+        runs.locked(tmp_path / "out"),
+        pytest.raises(UsageError, match="in use by another process"),
+    ):
         study.run_study(CONFIGS, tmp_path / "out", Here(), quiet=True)
 
 
@@ -224,7 +266,10 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_writes_the_same_bytes(tmp_pa
         begun = (lambda: list((tmp_path / "out").glob("*/episodes.csv")), first)
         killer = threading.Thread(target=kill_when, args=begun)
         killer.start()
-        assert study.run_study(CONFIGS, tmp_path / "out", client.get_executor(pure=False), quiet=True) == {}
+        assert (
+            study.run_study(CONFIGS, tmp_path / "out", client.get_executor(pure=False), quiet=True)
+            == {}
+        )
         killer.join()
         assert first not in client.run(os.getpid).values()
     assert contents(tmp_path / "out") == sequential

@@ -14,12 +14,16 @@ def loops(mdp, Q):
     """(𝒯*Q)(s, a) = r(s, a) + γ Σ_s' P(s'|s, a) max_a' Q(s', a'), one number at a time."""
     backup = np.empty_like(Q)
     for s, a in np.ndindex(Q.shape):
-        backup[s, a] = mdp.r[s, a] + mdp.gamma * sum(mdp.P[s, a, s2] * max(Q[s2]) for s2 in range(len(Q)))
+        backup[s, a] = mdp.r[s, a] + mdp.gamma * sum(
+            mdp.P[s, a, s2] * max(Q[s2]) for s2 in range(len(Q))
+        )
     return backup
 
 
 def chain():
-    """Action 0 stays for nothing; action 1 goes from state 0 to state 1 half of the time, and earns 1 in state 1."""
+    """Action 0 stays for nothing; action 1 goes from state 0 to state 1 half of the time, and earns
+    1 in state 1.
+    """
     P = np.array([[[F(1), F(0)], [F(1, 2), F(1, 2)]], [[F(0), F(1)], [F(0), F(1)]]])
     return MDP(P, np.array([[F(0), F(0)], [F(0), F(1)]]), F(1, 2))
 
@@ -46,7 +50,9 @@ def test_q_star_is_the_fixed_point(mdp):
 
 @given(mdps(), rngs())
 def test_no_policy_is_better_than_q_star(mdp, rng):
-    """Q^π = r + γ P_π Q^π, solved exactly, is nowhere above Q*, and equal to it where π is greedy in Q*."""
+    """Q^π = r + γ P_π Q^π, solved exactly, is nowhere above Q*, and equal to it where π is greedy
+    in Q*.
+    """
     Q, S = mdp.q_star(), np.arange(len(mdp.r))
 
     def value(policy):
@@ -83,7 +89,12 @@ BAD = {
     "P without actions": (np.ones((1, 1)), np.ones((1, 1)), 0.5, "P must be"),
     "P and r of other sizes": (LOOP, np.ones((1, 2)), 0.5, "P must be"),
     "P with an axis too many": (np.ones((1, 1, 1, 1)), np.ones((1, 1)), 0.5, "P must be"),
-    "probabilities below 0": (np.array([[[1.5, -0.5]], [[0.0, 1.0]]]), np.ones((2, 1)), 0.5, "probability"),
+    "probabilities below 0": (
+        np.array([[[1.5, -0.5]], [[0.0, 1.0]]]),
+        np.ones((2, 1)),
+        0.5,
+        "probability",
+    ),
     "probabilities that do not sum to 1": (0.9 * LOOP, np.ones((1, 1)), 0.5, "probability"),
     "probabilities that are none": (np.nan * LOOP, np.ones((1, 1)), 0.5, "probability"),
     "no discount": (LOOP, np.ones((1, 1)), 1.0, "gamma"),

@@ -11,7 +11,9 @@ from gbdqn_ref.config import Config
 from gbdqn_ref.train import evaluate
 
 SCHEDULE = [{"episode": 2, "gravity": 1.3}, {"episode": 3, "force": 0.8}]
-SETTINGS = dict(episodes=4, learning_starts=30, update_every=16, hidden=[8], capacity=500, schedule=SCHEDULE)
+SETTINGS = dict(
+    episodes=4, learning_starts=30, update_every=16, hidden=[8], capacity=500, schedule=SCHEDULE
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,9 @@ def run(tmp_path_factory):
 def test_the_agent_is_read_as_it_was_at_the_end(run):
     config, agent = runs.read_agent(run)
     env = drift.make(config.env, [{"episode": 0, "force": 0.8}])
-    assert runs.read_summary(run)["evaluation"][-1][2] == evaluate(agent, env, 5, config.seed).mean()
+    assert (
+        runs.read_summary(run)["evaluation"][-1][2] == evaluate(agent, env, 5, config.seed).mean()
+    )
 
 
 def test_a_film_shows_the_same_start_in_both_physics(run, tmp_path, capsys):
@@ -42,13 +46,17 @@ def test_the_film_has_the_returns_of_the_greedy_policy(run, tmp_path):
     _, agent = runs.read_agent(run)
     returns = watch.film(run, tmp_path / "x.gif", regime=1, seed=3)
     schedules = [], [{"episode": 0, "gravity": 1.3}]
-    assert returns == [evaluate(agent, drift.make("mountaincar", each), 1, 3)[0] for each in schedules]
+    assert returns == [
+        evaluate(agent, drift.make("mountaincar", each), 1, 3)[0] for each in schedules
+    ]
 
 
 def test_each_half_has_the_physics_that_it_names(run, tmp_path, monkeypatch):
     seen = []
     monkeypatch.setattr(
-        watch, "_episode", lambda agent, env, seed: seen.append(env) or ([Image.new("RGB", (9, 9))], [0])
+        watch,
+        "_episode",
+        lambda agent, env, seed: seen.append(env) or ([Image.new("RGB", (9, 9))], [0]),
     )
     watch.film(run, tmp_path / "x.gif", regime=2)
     for env in seen:
@@ -107,11 +115,15 @@ def test_a_run_without_a_checkpoint_is_refused(run, tmp_path):
 
 def test_the_maps_are_written(run, tmp_path, capsys):
     assert main(["maps", str(run), "--out", str(tmp_path / "maps.png")]) == 0
-    assert (tmp_path / "maps.png").read_bytes().startswith(b"\x89PNG") and "maps.png" in capsys.readouterr().out
+    assert (tmp_path / "maps.png").read_bytes().startswith(
+        b"\x89PNG"
+    ) and "maps.png" in capsys.readouterr().out
 
 
 def test_the_maps_show_what_the_booster_added():
-    """Two actions' values change hands in one corner: that corner is black below, and coloured above."""
+    """Two actions' values change hands in one corner: that corner is black below, and coloured
+    above.
+    """
     before = np.zeros((5, 5, 3))
     before[..., 0] = 1.0
     after = before.copy()
@@ -129,5 +141,8 @@ def test_the_plane_is_mountaincars():
     grid = watch.plane(3)
     np.testing.assert_allclose(grid[0, :, 0], [-1.2, -0.3, 0.6], atol=1e-6)
     np.testing.assert_allclose(grid[:, 0, 1], [-0.07, 0, 0.07], atol=1e-6)
-    low, high = drift.make("mountaincar").observation_space.low, drift.make("mountaincar").observation_space.high
+    low, high = (
+        drift.make("mountaincar").observation_space.low,
+        drift.make("mountaincar").observation_space.high,
+    )
     np.testing.assert_allclose([grid[0, 0], grid[-1, -1]], [low, high])
