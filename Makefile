@@ -17,7 +17,7 @@ test: .venv/test
 	$(BIN)/python -m pytest
 
 bench: .venv/train
-	$(BIN)/python -m gbdqn_ref bench --out runs/bench.png
+	$(BIN)/python benchmarks/bench.py --out runs/bench.png
 
 notebooks: .venv/test
 	$(BIN)/python notebooks/render.py

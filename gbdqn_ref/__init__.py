@@ -2,7 +2,7 @@
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman,
 boosting, replay, tabular, physics, drift, presets, config, dqn, gbdqn, baselines, stats, train,
-checkpoint, plots, runs, study, effect, watch, peers, bench, tables, __main__.
+checkpoint, plots, runs, study, effect, watch, tables, __main__.
 """
 
 import os

@@ -1,6 +1,4 @@
-"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps |
-bench.
-"""
+"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps."""
 
 import argparse
 import json
@@ -9,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from reprlib import repr as short
 
-from . import UsageError, bench, effect, peers, plots, runs, study, tables, watch
+from . import UsageError, effect, plots, runs, study, tables, watch
 from .config import CHOICES, Config
 
 
@@ -113,14 +111,6 @@ def _add_pictures(commands):
     plane.add_argument("--out", default="maps.png", help="the picture; default maps.png")
     plane.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
     plane.set_defaults(command=_maps)
-    costs = commands.add_parser("bench", help="measure what everything costs, in one thread")
-    costs.add_argument(
-        "--out", default="runs/bench.png", help="the picture; default runs/bench.png"
-    )
-    costs.add_argument(
-        "--tiny", action="store_true", help="a few seconds, only to see that it runs"
-    )
-    costs.set_defaults(command=_bench)
 
 
 def _config(args, agent):
@@ -267,21 +257,6 @@ def _compare(args):
         f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train"
         " anew)"
     )
-
-
-def _bench(args):
-    path = _file(args.out, "bench.png")
-    if not peers.installed():
-        print(
-            "no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]'"
-            " adds both"
-        )
-    scale, measured = bench.TINY if args.tiny else bench.Scale(), {}
-    for title, columns, rows in bench.sections(scale):
-        measured[title] = rows
-        tables.costs(title, columns, rows)
-    plots.costs(*bench.curves(scale, measured), path)
-    print(f"\nthe picture: {path}")
 
 
 if __name__ == "__main__":

@@ -54,26 +54,6 @@ LINES = {"dqn-recency": "--", "gbdqn-per": "--"}
 SMOOTHING = 15
 
 
-def costs(replay, boosters, path):
-    """How cost grows with the buffer, {sampler: (N, µs)}, and with boosters, {what: (m, ratio to
-    none)}.
-    """
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
-    for axes, lines in ((left, replay), (right, boosters)):
-        for (name, (x, y)), colour, mark in zip(lines.items(), OKABE_ITO, "o^s", strict=False):
-            axes.plot(x, y, color=colour, marker=mark, label=name)
-        axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
-        axes.legend(frameon=False, loc="upper left")
-        axes.spines[["top", "right"]].set_visible(False)
-    left.set(xscale="log", xlabel="transitions in the buffer", ylabel="µs")
-    left.set_title("drawing 64 and updating their priorities", loc="left")
-    right.set(xlabel="frozen boosters", ylabel="time, as a multiple of that without any")
-    right.set_title("GB-DQN on Acrobot", loc="left")
-    save(figure, path)
-
-
 def learning_curves(runs, config, random_return, path):
     """Return per episode of each agent in {agent: records}, as points and trailing means, with the
     drifts marked.

@@ -99,28 +99,6 @@ def drift_effect(rows, config):
     print(f"{hurt} of {len(rows) - 1} drifts cost at least a fifth of the span")
 
 
-def costs(title, columns, rows):
-    """One section of the benchmark."""
-    widths = [max(10, len(column) + 2) for column in columns]
-    print(
-        f"\n{title}\n"
-        + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True))
-    )
-    for label, numbers in rows.items():
-        print(
-            "".join(
-                f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)
-            ),
-            "",
-            label,
-        )
-
-
-def _decimals(x):
-    """How many decimals make three digits."""
-    return max(0, 2 - int(max(1, x) >= 10) - int(x >= 100))
-
-
 def _label(row, config):
     entry = next(
         (entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {}

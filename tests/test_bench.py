@@ -6,20 +6,23 @@ import platform
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gbdqn_ref import bench, peers
-from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 from gbdqn_ref.dqn import DQN
 from gbdqn_ref.train import AGENTS
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+import bench
+import peers
+
 
 def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys):
     out = tmp_path / "new" / "bench.png"
-    assert main(["bench", "--tiny", "--out", str(out)]) == 0
+    bench.main(["--tiny", "--out", str(out)])
     printed = capsys.readouterr().out
     labels = [f"{agent}, {kind} replay" for agent in ("gbdqn", "dqn") for kind in bench.REPLAYS]
     for label in [*labels, *(set(AGENTS) - {"gbdqn", "dqn"})]:
@@ -40,12 +43,16 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys):
     ] == ["bench.png"]
 
 
-def test_a_folder_in_the_place_of_the_picture_is_refused_before_anything_is_measured(
-    tmp_path, capsys, monkeypatch
+@pytest.mark.parametrize(("out", "says"), [("", "is a folder"), ("file/bench.png", "file")])
+def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
+    out, says, tmp_path, capsys, monkeypatch
 ):
+    (tmp_path / "file").touch()
     monkeypatch.setattr(bench, "sections", lambda scale: pytest.fail("measured"))
-    assert main(["bench", "--tiny", "--out", str(tmp_path)]) == 2
-    assert "is a folder" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as exit:
+        bench.main(["--tiny", "--out", str(tmp_path / out)])
+    assert exit.value.code == 2
+    assert says in capsys.readouterr().err
 
 
 def test_the_base_of_a_comparison_is_1_and_a_ratio_is_taken_within_a_turn():
@@ -90,27 +97,16 @@ def test_the_memory_is_that_of_all_arrays():
     assert rows["recency replay"][0] == pytest.approx(61 + 8 + 8 / 32, abs=0.1)
 
 
-def test_the_same_update_in_pytorch_gives_the_same_errors():
-    torch = pytest.importorskip("torch")
-    batch, widths = bench.noise(16, 4, 2), (4, 8, 2)
-    config = Config(agent="dqn", hidden=[8], lr=0.01)
-    torch.manual_seed(0)
-    update = peers.torch_update(batch, widths, config)
-    agent = DQN(4, 2, config, np.random.default_rng(0))
-    cells = dict(
-        zip(
-            update.__code__.co_freevars,
-            (cell.cell_contents for cell in update.__closure__),
-            strict=True,
-        )
-    )
-    for theta, net in ((agent.theta, cells["net"]), (agent.theta_target, cells["target"])):
-        for (W, b), layer in zip(agent.net.unpack(theta), list(net)[::2], strict=True):
-            W[...], b[...] = layer.weight.detach().numpy().T, layer.bias.detach().numpy()
+def test_the_same_update_in_pytorch_gives_the_same_errors_and_the_same_network():
+    pytest.importorskip("torch")
+    batch = bench.noise(16, 4, 2)
+    agent = DQN(4, 2, Config(agent="dqn", hidden=[8], lr=0.01), np.random.default_rng(0))
     agent.replay.sample = lambda *_: batch
     agent.replay.update_priorities = lambda *_: None
+    update, theta = peers.torch_update(agent, batch)
     for _ in range(20):
         np.testing.assert_allclose(agent.learn(), update(), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(agent.theta, theta(), rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="about glibc's malloc")

@@ -3,7 +3,8 @@ imports them.
 """
 
 import importlib.util
-from itertools import pairwise
+
+import numpy as np
 
 
 def installed():
@@ -11,41 +12,54 @@ def installed():
     return all(importlib.util.find_spec(name) for name in ("torch", "stable_baselines3"))
 
 
-def torch_update(batch, widths, config):
-    """dqn.DQN.learn in eager PyTorch: a function that, like it, goes from a Batch in NumPy to TD
-    errors in NumPy.
+def torch_update(agent, batch):
+    """A DQN's learn() on one Batch in eager PyTorch, from the agent's networks as they are.
+
+    Two functions: the update, which like ours goes from NumPy to TD errors in NumPy, and what reads
+    its θ.
     """
     import torch
 
     torch.set_num_threads(1)
-    net, target = (_torch_network(widths) for _ in range(2))
-    adam = torch.optim.Adam(net.parameters(), lr=config.lr)
+    c, net = agent.config, torch_network(agent.net, agent.theta)
+    target = torch_network(agent.net, agent.theta_target)
+    adam = torch.optim.Adam(net.parameters(), lr=c.lr)
 
     def update():
         _, s, a, r, s2, terminated, weight = (torch.as_tensor(x) for x in batch)
         with torch.no_grad():
-            y = r + config.gamma * ~terminated * target(s2).max(1).values
+            y = r + c.gamma * ~terminated * target(s2).max(1).values
         delta = y - net(s).gather(1, a[:, None])[:, 0]
         loss = 0.5 * (weight * delta**2).mean()
         adam.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), config.max_grad_norm)
+        torch.nn.utils.clip_grad_norm_(net.parameters(), c.max_grad_norm)
         adam.step()
         with torch.no_grad():
             for theta_target, theta in zip(target.parameters(), net.parameters(), strict=True):
-                theta_target.lerp_(theta, config.tau)
+                theta_target.lerp_(theta, c.tau)
         return delta.detach().numpy()
 
-    return update
+    return update, lambda: read_network(net)
 
 
-def _torch_network(widths):
-    from torch import nn
+def torch_network(net, theta):
+    """An nn.MLP and its θ as PyTorch's layers."""
+    import torch
 
-    layers = [
-        layer for n_in, n_out in pairwise(widths) for layer in (nn.Linear(n_in, n_out), nn.ReLU())
-    ]
-    return nn.Sequential(*layers[:-1])
+    layers = []
+    for W, b in net.unpack(theta):
+        layer = torch.nn.Linear(*W.shape)
+        with torch.no_grad():
+            layer.weight[...], layer.bias[...] = torch.tensor(W.T), torch.tensor(b)
+        layers += [layer, torch.nn.ReLU()]
+    return torch.nn.Sequential(*layers[:-1])
+
+
+def read_network(network):
+    """The θ (P,) of PyTorch's layers, laid out as in nn."""
+    with_bias = [np.vstack([x.weight.T.detach(), x.bias.detach()]) for x in list(network)[::2]]
+    return np.concatenate([V.ravel() for V in with_bias])
 
 
 def sb3(config, env, steps):

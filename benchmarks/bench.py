@@ -4,20 +4,24 @@ The timers of a section take turns, and a ratio is the median of the ratios with
 slow moment of the machine hits both of its sides. Microseconds of two runs are not to be compared.
 """
 
+import argparse
 from itertools import pairwise
+from pathlib import Path
 from time import perf_counter
 from types import SimpleNamespace
 from typing import NamedTuple
 
 import gymnasium
 import numpy as np
+import peers
+import report
 
-from . import drift, peers
-from .checkpoint import state
-from .config import Config
-from .dqn import DQN, make_replay
-from .replay import Batch
-from .train import AGENTS, make_agent, run
+from gbdqn_ref import drift
+from gbdqn_ref.checkpoint import state
+from gbdqn_ref.config import Config
+from gbdqn_ref.dqn import DQN, make_replay
+from gbdqn_ref.replay import Batch
+from gbdqn_ref.train import AGENTS, make_agent, run
 
 UPDATES = ((64, (6, 128, 128, 3)), (128, (11, 256, 256, 7)))
 STOCK = {"cartpole": "CartPole-v1", "mountaincar": "MountainCar-v0", "acrobot": "Acrobot-v1"}
@@ -50,6 +54,35 @@ class Scale(NamedTuple):
 TINY = Scale(turns=2, seconds=0.0, steps=20, sizes=(1_000,), boosters=(0, 1), rows=100)
 
 
+def main(arguments=None):
+    """Measure all there is, print the tables and draw the picture; exit status 2 where it cannot be
+    drawn.
+    """
+    parser = argparse.ArgumentParser(description="What everything costs, in one thread.")
+    parser.add_argument("--out", default="runs/bench.png", help="the picture; default %(default)s")
+    parser.add_argument(
+        "--tiny", action="store_true", help="a few seconds, only to see that it runs"
+    )
+    args = parser.parse_args(arguments)
+    path, scale, measured = Path(args.out), TINY if args.tiny else Scale(), {}
+    if path.is_dir():
+        parser.error(f"{path} is a folder; --out is the file that takes the picture")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        parser.error(str(error))
+    if not peers.installed():
+        print(
+            "no PyTorch or no Stable-Baselines3 here, so without them: pip install -e '.[peers]'"
+            " adds both"
+        )
+    for section in sections(scale):
+        measured[section.title] = section.rows
+        report.table(*section)
+    report.picture(*curves(scale, measured), path)
+    print(f"\nthe picture: {path}")
+
+
 def sections(scale):
     """Every Section, measured when it is asked for."""
     for batch_size, widths in UPDATES:
@@ -65,7 +98,7 @@ def sections(scale):
 
 
 def curves(scale, tables):
-    """The lines (x, y) that plots.costs draws, by sampler and by part of the work, from {title:
+    """The lines (x, y) that report.picture draws, by sampler and by part of the work, from {title:
     rows}.
     """
     by_size = {
@@ -175,7 +208,7 @@ def update(scale, batch_size, widths):
     agent.replay = SimpleNamespace(sample=lambda *_: batch, update_priorities=lambda *_: None)
     calls = {FLOOR: products(batch_size, widths, backward=True), "gbdqn_ref": agent.learn}
     if peers.installed():
-        calls["PyTorch, eager"] = peers.torch_update(batch, widths, config)
+        calls["PyTorch, eager"], _ = peers.torch_update(agent, batch)
     times = measure(scale, {name: repeat(scale, call) for name, call in calls.items()})
     title = f"update without sampling: batch {batch_size}, network {'-'.join(map(str, widths))}"
     return Section(title, ("ratio", "µs"), compare(times, FLOOR))
@@ -334,3 +367,7 @@ def memory(scale):
 def size_of(thing):
     """Bytes of all arrays in an object of ours."""
     return sum(array.nbytes for array in state(thing).values())
+
+
+if __name__ == "__main__":
+    main()
