@@ -8,7 +8,8 @@ from pathlib import Path
 from reprlib import repr as short
 
 from . import UsageError, effect, plots, runs, study, tables, watch
-from .config import CHOICES, Config
+from .agents import AGENTS
+from .config import Config
 
 
 def main(arguments=None):
@@ -51,7 +52,7 @@ def _parser():
     )
     common.add_argument("--quiet", action="store_true", help="no progress bar")
     train = commands.add_parser("train", parents=[common], help="train one agent into a folder")
-    train.add_argument("--agent", help=f"gbdqn (default), {', '.join(CHOICES['agent'][1:])}")
+    train.add_argument("--agent", help=f"gbdqn (default), {', '.join(list(AGENTS)[1:])}")
     train.add_argument("--out", help="folder; default runs/ENV-AGENT-SEED")
     train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
     train.set_defaults(command=_train)
@@ -118,7 +119,7 @@ def _config(args, agent):
     values = dict(_setting(text) for text in args.set)
     chosen = {"agent": agent, "seed": args.seed}
     values |= {key: value for key, value in chosen.items() if value is not None}
-    return Config.preset(args.env or "cartpole", args.preset or "paper", **values)
+    return Config.preset("cartpole" if args.env is None else args.env, args.preset, **values)
 
 
 def _setting(text):
@@ -162,7 +163,7 @@ def _list(option, text):
 def _study(args):
     if args.seed is not None:
         raise UsageError("a study has --seeds, not --seed")
-    agents = list(CHOICES["agent"]) if args.agents == "all" else _list("--agents", args.agents)
+    agents = list(AGENTS) if args.agents == "all" else _list("--agents", args.agents)
     seeds = _list("--seeds", args.seeds)
     if not all(seed.isdecimal() for seed in seeds) or seeds == ["0"] or not 1 <= args.jobs <= 1000:
         raise UsageError(

@@ -5,6 +5,7 @@ Two more controls are a class that is there already with the other one's replay
 (config.Config.replay): dqn-recency is DQN, gbdqn-per GB-DQN.
 """
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -72,10 +73,10 @@ class ResetDQN(DQN):
         """A fresh network, target and Adam at a drift, and at the return to the stock physics as
         well (D20).
         """
-        if event != "end":
-            self.theta = self.net.init(self.rng)
-            self.theta_target = self.theta.copy()
-            self.adam = Adam(self.net.size, self.config.lr)
+        super().on_drift(event)
+        self.theta = self.net.init(self.rng)
+        self.theta_target = self.theta.copy()
+        self.adam = Adam(self.net.size, self.config.lr)
 
 
 def sliding_dqn(state_dim, n_actions, config, rng):
@@ -92,30 +93,40 @@ class FrozenDQN(DQN):
 
     def on_drift(self, event):
         """From the first drift on the step size is 0."""
+        super().on_drift(event)
         if event == "drift":
             self.adam.lr = 0.0
 
 
 class Random:
-    """A control: every action equally likely, whatever the state. The level at which nothing has
-    been learnt.
+    """A control: every action equally likely, whatever the state; the level of no learning.
+
+    Evaluation has a generator of its own, so that it leaves the training as it was.
     """
 
     epsilon, replay = 1.0, None
 
     def __init__(self, state_dim, n_actions, config, rng):
-        self.config, self.rng, self.n_actions = config, rng, n_actions
+        self.config, self.n_actions = config.resolved(), n_actions
+        self.rng, self.evaluation_rng = rng, copy.deepcopy(rng)
         self.steps = 0
 
     def act(self, s, greedy=False):
-        return int(self.rng.integers(self.n_actions))
+        rng = self.evaluation_rng if greedy else self.rng
+        return int(rng.integers(self.n_actions))
 
     def observe(self, s, a, r, s2, terminated):
         self.steps += 1
 
     def learn(self):
-        """There is no Q whose TD error could be named."""
-        return np.array([np.nan])
+        """No TD error: a random policy has no Q."""
+        return np.empty(0)
 
     def on_drift(self, event):
         """Nothing changes."""
+
+    def end_episode(self, total, td_error):
+        """Nothing changes."""
+
+    def finish(self):
+        return self

@@ -8,7 +8,6 @@ when an agent grows.
 
 import io
 import json
-import os
 import zipfile
 import zlib
 from pathlib import Path
@@ -16,12 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from . import UsageError
+from .config import Config
+from .files import write_atomically
 
 FORMAT = 1
-REBUILT = {
-    "config",
-    "net",
-}  # what a new agent has already; names with an underscore are memos, made again when needed
+REBUILT = {"config", "net", "memo"}  # a new agent has these already, or makes them when needed
 
 DAMAGED = (
     ValueError,
@@ -33,16 +31,6 @@ DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
 )
-
-
-def write_atomically(path, write):
-    """Call write(file) on a temporary file that takes path's place once it is complete."""
-    temporary = Path(f"{path}.part")
-    with open(temporary, "wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
 
 
 def save(path, agent, episodes):
@@ -61,14 +49,14 @@ def load(path, agent):
         with np.load(file, allow_pickle=False) as content:
             arrays = dict(content)
         header = json.loads(arrays.pop("header").item())
-        config, episodes = header["config"], header["episodes"]
+        config, episodes = Config.from_dict(header["config"]), header["episodes"]
         if header["format"] != FORMAT:
             raise ValueError(f"format {header['format']} instead of {FORMAT}")
     except DAMAGED as e:
         raise UsageError(
             f"{path} is damaged or foreign ({e}); without it --resume starts anew"
         ) from e
-    if config != agent.config.to_dict():
+    if config != agent.config:
         raise UsageError(
             f"{path} belongs to a run with other settings than the config.json beside it"
         )
@@ -124,11 +112,7 @@ def _parts(thing):
         return []
     if isinstance(thing, (list, tuple)):
         return list(enumerate(thing))
-    return [
-        (key, part)
-        for key, part in vars(thing).items()
-        if key not in REBUILT and not key.startswith("_")
-    ]
+    return [(key, part) for key, part in vars(thing).items() if key not in REBUILT]
 
 
 def _join(name, key):
@@ -139,7 +123,8 @@ def _outline(arrays):
     """What must agree between a file and an agent: names, kinds and shapes, but for the number of
     frozen boosters.
     """
-    return {
-        name: (array.dtype.kind, array.shape[name.startswith("ensemble.") :])
-        for name, array in sorted(arrays.items())
-    }
+    outline = {}
+    for name, array in sorted(arrays.items()):
+        shape = array.shape[1:] if name.startswith("ensemble.") else array.shape
+        outline[name] = array.dtype.kind, shape
+    return outline

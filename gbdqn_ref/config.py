@@ -2,150 +2,176 @@
 
 import difflib
 import json
-from dataclasses import asdict, dataclass, fields
-from math import inf, isfinite
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from math import isfinite
 from reprlib import repr as short
-from typing import get_args
+from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from . import UsageError
-from .drift import ENVIRONMENTS, check_schedule, environment, is_number
+from .agents import AGENTS, OWN
 from .presets import PRESETS
+from .schedule import FACTORS, check_environment, regimes
+
+
+class Rule(NamedTuple):
+    """What a setting may be: in words, as a test, and a value that breaks it."""
+
+    words: str
+    holds: Callable[[Any], bool]
+    breaks: object
+
+
+def whole(low: int, high: int) -> Rule:
+    """The rule of whole numbers from low to high."""
+    return Rule(f"a whole number from {low:,} to {high:,}", lambda n: low <= n <= high, low - 1)
+
+
+def one_of(*choices: str | None) -> Rule:
+    """The rule of words, of which None is written null."""
+    words = ", ".join(choice or "null" for choice in choices)
+    return Rule(f"one of {words}", lambda word: word in choices, "xyzzy")
+
+
+def own_or(rule: Rule) -> Rule:
+    """The same rule, for a setting that is the agent's own while it is None."""
+    return Rule(
+        f"{rule.words}, or null for the agent's own",
+        lambda value: value is None or rule.holds(value),
+        rule.breaks,
+    )
+
+
+COUNT = whole(1, 10_000_000)
+FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, 1.01)
+POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, 0.0)
+NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, -0.01)
+DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, 1.0)
+PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, 0.0)
+YES_OR_NO = Rule("true or false", lambda _: True, "yes")
+SCHEDULE = Rule('a list of entries like {"episode": 9, "gravity": 1.5}', lambda _: True, "gravity")
+WIDTHS = Rule(
+    "a list of widths from 1 to 4096, like [128, 128]",
+    lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
+    (0,),
+)
+STEP_SIZE = Rule(
+    'a positive finite number or "closed-form"',
+    lambda a: a == "closed-form" if isinstance(a, str) else isfinite(a) and a > 0,
+    0.0,
+)
 
 
 @dataclass(frozen=True)
 class Config:
-    """The resolved settings of one run; the same config gives the same bytes on one machine.
+    """The settings of one run; the same config gives the same bytes on one machine.
 
-    >>> Config(env="acrobot", agent="gbdqn").replay
-    'recency'
+    A setting that is None is the agent's own, and follows a change of agent; resolved() fills it
+    in. `regimes` has the schedule as a tuple of schedule.Regime, cut off at the run's end.
+
+    >>> config = Config(env="acrobot", agent="gbdqn")
+    >>> config.replay, config.resolved().replay
+    (None, 'recency')
     >>> Config(gamma=1.5)
     Traceback (most recent call last):
-    gbdqn_ref.UsageError: gamma must be in [0, 1), not 1.5
+    gbdqn_ref.UsageError: gamma must be a number in [0, 1), not 1.5
     """
 
-    env: str = "cartpole"
-    """What is learnt: cartpole, mountaincar, acrobot or hopper."""
-    agent: str = "gbdqn"
-    """gbdqn, a baseline (dqn, ensemble, reset, sliding) or a control (frozen, random, dqn-recency,
-    gbdqn-per).
-    """
-    seed: int = 0
-    """Seed of the agent's generator; with the episode's number it also seeds each reset, so agents
-    are paired.
-    """
-    episodes: int = 600
+    env: Annotated[str, one_of(*FACTORS)] = "cartpole"
+    """What is learnt."""
+    agent: Annotated[str, one_of(*AGENTS)] = "gbdqn"
+    """Who learns: GB-DQN, a baseline or a control."""
+    seed: Annotated[int, whole(0, 2**32 - 1)] = 0
+    """Seed of the agent; with the episode's number it seeds each reset, so agents are paired."""
+    episodes: Annotated[int, COUNT] = 600
     """How many episodes a run has."""
-    schedule: list | tuple = ()
-    """When the physics drift, and to what: a list like [{"episode": 150, "gravity": 1.5}] (see
-    drift).
-    """
+    schedule: Annotated[list, SCHEDULE] = field(default_factory=list)
+    """When the physics drift, and to what: a list like [{"episode": 150, "gravity": 1.5}]."""
 
-    gamma: float = 0.99
+    gamma: Annotated[float, DISCOUNT] = 0.99
     """Discount γ."""
-    hidden: tuple = (128, 128)
-    """Widths of the hidden layers; () makes the network linear, hence a table on one-hot states."""
-    lr: float = 1e-3
+    hidden: Annotated[tuple, WIDTHS] = (128, 128)
+    """Widths of the hidden layers; [] is a linear network, hence a table on one-hot states."""
+    lr: Annotated[float, POSITIVE] = 1e-3
     """Adam's step size."""
-    max_grad_norm: float = 10.0
-    """The gradient is scaled down to this norm where it is longer."""
-    batch_size: int = 64
+    max_grad_norm: Annotated[float, POSITIVE] = 10.0
+    """Longer gradients are scaled down to this norm."""
+    batch_size: Annotated[int, COUNT] = 64
     """Transitions per update."""
-    learning_starts: int = 1_000
+    learning_starts: Annotated[int, COUNT] = 1_000
     """Environment steps before the first update."""
-    update_every: int = 4
+    update_every: Annotated[int, COUNT] = 4
     """Environment steps between two rounds of updates."""
-    gradient_steps: int = 1
+    gradient_steps: Annotated[int, COUNT] = 1
     """Updates in a round."""
-    tau: float = 0.01
-    """Polyak coefficient τ of the target network, applied at each update."""
+    tau: Annotated[float, FRACTION] = 0.01
+    """Polyak coefficient τ of the target network, applied at each update (D9)."""
 
-    behaviour: str = "epsilon-greedy"
-    """How the agent explores: epsilon-greedy as in the experiments (D10), or softmax as in
-    Algorithm 1.
-    """
-    epsilon_start: float = 1.0
+    behaviour: Annotated[str, one_of("epsilon-greedy", "softmax")] = "epsilon-greedy"
+    """How the agent explores: as in the experiments, or with Algorithm 1's softmax (D10)."""
+    epsilon_start: Annotated[float, FRACTION] = 1.0
     """ε at the first step."""
-    epsilon_end: float = 0.05
+    epsilon_end: Annotated[float, FRACTION] = 0.05
     """ε from epsilon_decay_steps on."""
-    epsilon_decay_steps: int = 20_000
+    epsilon_decay_steps: Annotated[int, COUNT] = 20_000
     """Environment steps over which ε falls, linearly."""
-    temperature: float = 1.0
+    temperature: Annotated[float, POSITIVE] = 1.0
     """Temperature τ of the softmax policy."""
 
-    capacity: int = 50_000
+    capacity: Annotated[int, COUNT] = 50_000
     """Transitions that the replay buffer holds."""
-    replay: str | None = None
-    """uniform, proportional or recency; None is the agent's own: recency for gbdqn, dqn-recency,
-    proportional else.
-    """
-    priority_offset: float = 0.01
+    replay: Annotated[str | None, own_or(one_of("uniform", "proportional", "recency"))] = None
+    """How a batch is drawn: evenly, by TD error, or by TD error and recency."""
+    priority_offset: Annotated[float, POSITIVE] = 0.01
     """ε in p^TD = (|δ| + ε)^γ."""
-    priority_exponent: float = 0.6
+    priority_exponent: Annotated[float, NOT_NEGATIVE] = 0.6
     """γ in p^TD = (|δ| + ε)^γ."""
-    is_exponent: float = 0.4
+    is_exponent: Annotated[float, FRACTION] = 0.4
     """β in the importance weights w = (1 / (N P))^β."""
-    normalise: str | None = "batch"
-    """Importance weights are divided by the batch's largest ("batch") or left as they are (None).
-    """
-    mix: float = 0.3
+    normalise: Annotated[str | None, one_of("batch", None)] = "batch"
+    """Importance weights are divided by the batch's largest ("batch") or left alone (null)."""
+    mix: Annotated[float, FRACTION] = 0.3
     """β in p = β p^TD + (1 − β) p^time (Eq. 10)."""
-    recency_rate: float = 1e-4
-    """α in p^time = exp(−α age), per transition."""
+    recency_rate: Annotated[float, NOT_NEGATIVE] = 1e-4
+    """α in p^time = exp(−α age), per transition (D5)."""
 
-    target: str = "live"
-    """gbdqn bootstraps and acts with the sum including the learner in training (live), or without
-    it (frozen).
-    """
-    alpha: float | str = 0.1
-    """gbdqn's α_m of boosters 2, 3, …: a number, as η_boost in the experiments (D15), or
-    "closed-form" (Eq. 8).
-    """
-    loss_on: str = "alpha_h"
-    """gbdqn fits α h to the residual (alpha_h, Eq. 5), or h (h, Algorithm 1 line 19)."""
-    zero_output: bool = True
-    """gbdqn's new boosters start as the zero function, so that adding one changes no action (D11).
-    """
+    target: Annotated[str, one_of("live", "frozen")] = "live"
+    """GB-DQN acts and bootstraps with the learner in training, or without it (D6)."""
+    alpha: Annotated[float | str, STEP_SIZE] = 0.1
+    """GB-DQN's α_m of boosters 2, 3, …: η_boost of the experiments (D15), or by Eq. 8."""
+    loss_on: Annotated[str, one_of("alpha_h", "h")] = "alpha_h"
+    """GB-DQN fits α h to the residual (Eq. 5), or h (Algorithm 1, line 19) (D6)."""
+    zero_output: Annotated[bool, YES_OR_NO] = True
+    """GB-DQN's new boosters start as the zero function, so adding one changes no action (D11)."""
 
-    members: int = 5
-    """ensemble's networks (D19)."""
-    bootstrap: float = 1.0
-    """Probability that one of ensemble's networks sees a transition; 1, as in the paper: all see
-    all (D18).
-    """
-    window: int = 5_000
-    """Transitions that sliding's replay buffer holds, in place of capacity."""
+    members: Annotated[int, whole(1, 100)] = 5
+    """Networks of Ensemble-DQN (D19)."""
+    bootstrap: Annotated[float, PROBABILITY] = 1.0
+    """Probability that a member of the ensemble sees a transition; with 1 all see all (D18)."""
+    window: Annotated[int, COUNT] = 5_000
+    """Transitions that Sliding-window DQN remembers, in place of capacity."""
 
-    def __post_init__(self):
-        for field in fields(self):
-            name, value, kinds = (
-                field.name,
-                getattr(self, field.name),
-                get_args(field.type) or (field.type,),
-            )
-            if float in kinds and type(value) is int:
-                value = float(value) if is_number(value) else inf
-            if kinds == (tuple,) and type(value) is list:
-                value = tuple(value)
-            if len(kinds) == 1 and type(value) not in kinds:
-                raise UsageError(f"{name} must be {KINDS[field.type]}, not {short(value)}")
-            if value not in CHOICES.get(name, [value]):
-                options = ", ".join(choice or "null" for choice in CHOICES[name])
-                raise UsageError(f"unknown {name} {short(value)}; choose one of {options}")
-            what, holds = RULES.get(name, ("", lambda value: True))
-            if not holds(value):
-                raise UsageError(f"{name} must be {what}, not {short(value)}")
+    def __post_init__(self) -> None:
+        for name, (kinds, rule) in SETTINGS.items():
+            value = _plain(getattr(self, name), kinds)
+            if type(value) not in kinds or not rule.holds(value):
+                raise UsageError(f"{name} must be {rule.words}, not {short(value)}")
             object.__setattr__(self, name, value)
-        if self.replay is None:
-            object.__setattr__(
-                self, "replay", "recency" if self.agent in RECENCY else "proportional"
-            )
-        check_schedule(self.env, self.schedule)
-        object.__setattr__(self, "schedule", [dict(entry) for entry in self.schedule])
+        object.__setattr__(self, "regimes", regimes(self.env, self.schedule, self.episodes))
+
+    def __hash__(self) -> int:
+        return hash(json.dumps(self.to_dict(), sort_keys=True))
+
+    def resolved(self) -> Self:
+        """The same config with the agent's own settings in place of None."""
+        own = OWN | AGENTS[self.agent].own
+        return replace(self, **{key: own[key] for key in own if getattr(self, key) is None})
 
     @classmethod
-    def preset(cls, env, name="paper", /, **values):
-        """The settings of the paper for this environment, or others of its presets; `values` take
-        precedence.
+    def preset(cls, env: str, name: str | None = None, /, **values: Any) -> Self:
+        """The settings of a preset for an environment, "paper" by default; `values` replace some.
 
         "hopper-long" is short for the preset "long" of hopper, "acrobot-hard" for "hard" of
         acrobot.
@@ -153,84 +179,70 @@ class Config:
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
         """
-        env, _, suffix = env.partition("-") if isinstance(env, str) else (env, "", "")
-        name = suffix or name
-        environment(env)  # refuses what there is not
-        names = [known for known, presets in PRESETS.items() if env in presets]
-        if name not in names:
-            raise UsageError(f"{env} has no preset {short(name)}; choose one of {', '.join(names)}")
+        env, name = preset_of(env, name)
+        if "env" in values:
+            raise UsageError(f"the preset is for {env}, so env cannot be {short(values['env'])}")
         return cls.from_dict({"env": env} | PRESETS[name][env] | values)
 
     @classmethod
-    def from_dict(cls, values):
-        """A config from a mapping such as the one in config.json; UsageError names a field that
-        there is not.
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """A config from a mapping such as the one in config.json.
+
+        UsageError names a setting that does not exist.
         """
-        names = [field.name for field in fields(cls)]
+        if not isinstance(values, Mapping):
+            raise UsageError(f"settings must be a mapping of names to values, not {short(values)}")
         for name in values:
-            if name not in names:
-                near = difflib.get_close_matches(name, names, 1)
-                raise UsageError(
-                    f"there is no setting {short(name)}"
-                    + (f"; did you mean {near[0]!r}?" if near else "")
-                )
+            if name not in SETTINGS:
+                near = difflib.get_close_matches(str(name), SETTINGS, 1)
+                guess = f"; did you mean {near[0]!r}?" if near else ""
+                raise UsageError(f"there is no setting {short(name)}{guess}")
         return cls(**values)
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain JSON types; from_dict(to_dict()) is the same config."""
         return json.loads(json.dumps(asdict(self)))
 
 
-RECENCY = ("gbdqn", "dqn-recency")  # the agents whose own replay is GB-DQN's
-KINDS = {
-    int: "a whole number",
-    float: "a number",
-    str: "a word",
-    bool: "true or false",
-    tuple: "a list",
-}
-CHOICES = {
-    "env": tuple(ENVIRONMENTS),
-    "agent": (
-        "gbdqn",
-        "dqn",
-        "ensemble",
-        "reset",
-        "sliding",
-        "frozen",
-        "random",
-        "dqn-recency",
-        "gbdqn-per",
-    ),
-    "behaviour": ("epsilon-greedy", "softmax"),
-    "replay": (None, "uniform", "proportional", "recency"),
-    "normalise": ("batch", None),
-    "target": ("live", "frozen"),
-    "loss_on": ("alpha_h", "h"),
-}
-COUNT = ("a whole number from 1 to 10,000,000", lambda n: 1 <= n <= 10_000_000)
-FRACTION = ("between 0 and 1", lambda x: 0 <= x <= 1)
-POSITIVE = ("a positive finite number", lambda x: isfinite(x) and x > 0)
-NOT_NEGATIVE = ("a finite number from 0 on", lambda x: isfinite(x) and x >= 0)
-RULES = {
-    "seed": ("a whole number from 0 on", lambda n: n >= 0),
-    "gamma": ("in [0, 1)", lambda x: 0 <= x < 1),
-    "hidden": (
-        "a list of widths from 1 to 4096, like [128, 128]",
-        lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
-    ),
-    "alpha": (
-        'a positive number or "closed-form"',
-        lambda a: a == "closed-form" or (is_number(a) and a > 0),
-    ),
-    "members": ("a whole number from 1 to 100", lambda k: 1 <= k <= 100),
-    "bootstrap": ("above 0 and at most 1", lambda p: 0 < p <= 1),
-    "recency_rate": NOT_NEGATIVE,
-    "priority_exponent": NOT_NEGATIVE,
-    **dict.fromkeys(
-        ("episodes", "batch_size", "learning_starts", "update_every", "gradient_steps"), COUNT
-    ),
-    **dict.fromkeys(("epsilon_decay_steps", "capacity", "window"), COUNT),
-    **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), FRACTION),
-    **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), POSITIVE),
+def preset_of(env: object, name: object = None) -> tuple[str, str]:
+    """(environment, preset) from an environment, perhaps with its preset as a suffix, and a preset.
+
+    >>> preset_of("hopper-long"), preset_of("acrobot")
+    (('hopper', 'long'), ('acrobot', 'paper'))
+    """
+    known, _, suffix = env.partition("-") if isinstance(env, str) else (env, "", "")
+    check_environment(known)
+    if suffix and name is not None and name != suffix:
+        raise UsageError(f"{short(env)} names the preset {suffix}, so it cannot be {short(name)}")
+    name = suffix or ("paper" if name is None else name)
+    names = [preset for preset, environments in PRESETS.items() if known in environments]
+    if name not in names:
+        raise UsageError(f"{known} has no preset {short(name)}; choose one of {', '.join(names)}")
+    return known, name
+
+
+def _plain(value: Any, kinds: tuple[type, ...]) -> Any:
+    """The value in Python's own types, and in the kind of its setting where no meaning changes."""
+    if isinstance(value, (list, tuple)):
+        value = [_plain(each, ()) for each in value]
+        return tuple(value) if tuple in kinds else value
+    if isinstance(value, dict):
+        return {key: _plain(each, ()) for key, each in value.items()}
+    if isinstance(value, np.generic):
+        value = value.item()
+    if float in kinds and type(value) is int:
+        return float(value) if abs(value) < 1e300 else np.inf
+    return value
+
+
+def _setting(hint: Any) -> tuple[tuple[type, ...], Rule]:
+    """(types, rule) of an annotation like Annotated[str | None, rule]."""
+    kind, rule = hint.__origin__, hint.__metadata__[0]
+    return get_args(kind) or (kind,), rule
+
+
+SETTINGS = {
+    name: _setting(hint)
+    for name, hint in get_type_hints(Config, include_extras=True).items()
+    if get_origin(hint) is Annotated
 }

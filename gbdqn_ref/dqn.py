@@ -1,6 +1,4 @@
-"""DQN (Mnih et al. 2015) with a soft target network: the ancestor, and with prioritized replay the
-first baseline.
-"""
+"""DQN (Mnih et al. 2015) with a soft target network: the ancestor and first baseline."""
 
 import numpy as np
 
@@ -13,11 +11,12 @@ from .replay import ProportionalReplay, RecencyReplay, UniformReplay
 class DQN:
     """One network Q(s, a; θ), fitted to y = r + γ (1 − terminated) max_a' Q(s', a'; θ̄).
 
-    An agent acts, observes, learns, and is told when the physics drift. `config` is a
-    config.Config, `rng` the generator from which every random number of the agent comes.
+    An agent acts, observes and learns. It is told when the physics drift and when an episode
+    ends. `config` is a config.Config; `rng` is the agent's only source of random numbers.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
+        config = config.resolved()
         self.config, self.rng, self.n_actions = config, rng, n_actions
         self.net = MLP((state_dim, *config.hidden, n_actions))
         self.theta = self.net.init(rng)  # (P,)
@@ -69,11 +68,19 @@ class DQN:
         return delta
 
     def on_drift(self, event):
-        """The physics have changed ("drift"), are the stock ones again ("reset"), or the run is
-        over ("end").
+        """The physics changed ("drift"), or are the stock ones again ("reset"); DQN learns on."""
+        if event not in ("drift", "reset"):
+            raise ValueError(f"an event is 'drift' or 'reset', not {event!r}")
 
-        DQN does nothing about it: it keeps learning.
+    def end_episode(self, total, td_error):
+        """An episode ended, by a terminal state or a time limit, with this return and mean |δ|.
+
+        DQN does nothing with it. Where there was no update, td_error is nan.
         """
+
+    def finish(self):
+        """The agent as it is judged and saved when training ends; self may go on training."""
+        return self
 
 
 def make_replay(config, state_dim):

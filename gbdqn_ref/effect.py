@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from . import drift, runs, study
 from .config import Config
+from .schedule import describe, stock
 from .train import evaluate, make_agent
 
 HURTS = 0.2  # of the span between random and trained
@@ -29,9 +30,8 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     are kept in `out`, and those it has are not repeated.
     """
     regimes = {}
-    scheduled = [factors for _, factors, _ in drift.check_schedule(config.env, config.schedule)]
-    for factors in [drift.factors_of(config.env), *scheduled]:
-        regimes[drift.describe(factors)] = factors
+    for factors in [stock(config.env), *(regime.factors for regime in config.regimes)]:
+        regimes[describe(factors)] = factors
     _, *drifted = regimes.values()
     schedules = [[], *([{"episode": 0, **factors}] for factors in drifted)]
     configs = [replace(config, schedule=schedule) for schedule in schedules]

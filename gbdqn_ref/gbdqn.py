@@ -8,6 +8,8 @@ Raw predictions are cached, as gradient-boosting libraries do: Q_{m−1}(s_i, a_
 boosters there are.
 """
 
+import copy
+
 import numpy as np
 
 from . import bellman
@@ -32,7 +34,7 @@ class GBDQN(DQN):
         self.alpha = 1.0  # α_m
         self.q_frozen = np.zeros(config.capacity, np.float32)  # Q_{m−1}(s_i, a_i)
         self.q_frozen_next = np.zeros((config.capacity, n_actions), np.float32)  # Q_{m−1}(s'_i, ·)
-        self._seen, self._seen_q = np.empty(0), np.empty(0)
+        self.memo = np.empty(0), np.empty(0)  # the last s, Q_{m−1}(s, ·)
 
     @property
     def live(self):
@@ -57,9 +59,9 @@ class GBDQN(DQN):
 
     def _frozen(self, s):
         """Q_{m−1}(s, ·), remembered for the last s asked for."""
-        if not np.array_equal(s, self._seen):
-            self._seen, self._seen_q = s.copy(), self.ensemble.q(s)
-        return self._seen_q
+        if not np.array_equal(s, self.memo[0]):
+            self.memo = s.copy(), self.ensemble.q(s)
+        return self.memo[1]
 
     def learn(self):
         """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's TD
@@ -87,12 +89,19 @@ class GBDQN(DQN):
         return delta
 
     def on_drift(self, event):
-        """Add a booster at a drift, none at a reset; fold a frozen one in when the run ends (Alg.
-        1, last line).
-        """
-        if event == "drift" or event == "end" and not self.live:
+        """Add a booster at a drift, none at a reset."""
+        super().on_drift(event)
+        if event == "drift":
             self.fold_in()
             self._new_booster()
+
+    def finish(self):
+        """The agent with its last learner folded in where it does not count yet (Alg. 1, end)."""
+        if self.live:
+            return self
+        finished = copy.deepcopy(self)
+        finished.fold_in()
+        return finished
 
     def fold_in(self):
         """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m, and add its predictions to the cached ones
@@ -102,7 +111,7 @@ class GBDQN(DQN):
         h = self._predict(replay.s[:n])[np.arange(n), replay.a[:n]]  # (n,)
         h_next = self._predict(replay.s2[:n])  # (n, A)
         if self.config.alpha == "closed-form" and len(self.ensemble):
-            q_next = self.q_frozen_next[:n] + self.live * h_next
+            q_next = self.q_frozen_next[:n] + h_next if self.live else self.q_frozen_next[:n]
             y = bellman.td_target(replay.r[:n], replay.terminated[:n], q_next, self.config.gamma)
             weights = (n * replay.probabilities()) ** (
                 1 - self.config.is_exponent
@@ -111,7 +120,7 @@ class GBDQN(DQN):
         self.q_frozen[:n] += self.alpha * h
         self.q_frozen_next[:n] += self.alpha * h_next
         self.ensemble.add(self.theta, self.alpha)
-        self._seen = np.empty(0)
+        self.memo = np.empty(0), np.empty(0)
 
     def _predict(self, x, rows=1024):
         """h_m(x), (n, d) → (n, A), in pieces that stay in the processor's cache."""

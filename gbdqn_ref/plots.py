@@ -8,49 +8,11 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from . import drift, stats
-from .checkpoint import write_atomically
+from . import stats
+from .agents import AGENTS, BLUE, ORANGE
+from .files import write_atomically
+from .schedule import LABELS, describe
 
-NAMES = {
-    "gbdqn": "GB-DQN",
-    "dqn": "DQN",
-    "ensemble": "Ensemble-DQN",
-    "reset": "Reset-DQN",
-    "sliding": "Sliding-DQN",
-    "frozen": "Frozen DQN",
-    "random": "Random",
-    "dqn-recency": "DQN-recency",
-    "gbdqn-per": "GB-DQN-PER",
-    "cartpole": "CartPole",
-    "mountaincar": "MountainCar",
-    "acrobot": "Acrobot",
-    "hopper": "Hopper",
-}
-# Okabe and Ito's colours, that every eye tells apart: blue, vermillion, green, purple, orange, sky
-# blue, black
-OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-COLOURS = {
-    "gbdqn": OKABE_ITO[0],
-    "dqn": OKABE_ITO[1],
-    "ensemble": OKABE_ITO[2],
-    "reset": OKABE_ITO[3],
-    "sliding": OKABE_ITO[4],
-    "frozen": OKABE_ITO[5],
-    "random": OKABE_ITO[6],
-    "dqn-recency": OKABE_ITO[1],  # the same agent with another replay: the same colour, dashed
-    "gbdqn-per": OKABE_ITO[0],
-}
-MARKS = {
-    "gbdqn": "o",
-    "dqn": "^",
-    "ensemble": "s",
-    "reset": "v",
-    "sliding": "D",
-    "frozen": "P",
-    "random": "X",
-}
-MARKS |= {"dqn-recency": "<", "gbdqn-per": ">"}
-LINES = {"dqn-recency": "--", "gbdqn-per": "--"}
 SMOOTHING = 15
 
 
@@ -66,21 +28,21 @@ def learning_curves(runs, config, random_return, path):
         axes.plot(
             episode,
             returns,
-            MARKS[agent],
-            color=COLOURS[agent],
+            AGENTS[agent].mark,
+            color=AGENTS[agent].colour,
             markersize=3,
             alpha=0.35,
             markeredgewidth=0,
         )
         smooth = stats.trailing_mean(returns, SMOOTHING)
-        look = dict(color=COLOURS[agent], linestyle=LINES.get(agent, "-"), linewidth=2.2)
-        axes.plot(episode[SMOOTHING - 1 :], smooth, **look, label=NAMES[agent])
+        look = dict(color=AGENTS[agent].colour, linestyle=AGENTS[agent].line, linewidth=2.2)
+        axes.plot(episode[SMOOTHING - 1 :], smooth, **look, label=AGENTS[agent].label)
     axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
     _mark_regimes(axes, config)
     axes.set(
         xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})"
     )
-    title = f"{NAMES[config.env]}, seed {config.seed}: the physics change at the dashed lines"
+    title = f"{LABELS[config.env]}, seed {config.seed}: the physics change at the dashed lines"
     axes.set_title(title, loc="left", pad=34)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
@@ -98,7 +60,7 @@ def study_curves(runs, config, random_return, path):
     smooth = {agent: _smoothed(records) for agent, records in runs.items()}
     episode, rng = np.arange(SMOOTHING - 1, config.episodes), np.random.default_rng(0)
     for axes, (agent, curves) in zip(panels, smooth.items(), strict=False):
-        colour, middle = COLOURS[agent], curves.mean(0)
+        colour, middle = AGENTS[agent].colour, curves.mean(0)
         axes.plot(episode, curves.T, color=colour, linewidth=0.6, alpha=0.5)
         draws = curves[rng.integers(len(curves), size=(500, len(curves)))].mean(1)
         axes.fill_between(
@@ -112,9 +74,9 @@ def study_curves(runs, config, random_return, path):
         if "dqn" in smooth and agent != "dqn":
             axes.plot(episode, smooth["dqn"].mean(0), color="0.2", linewidth=1, linestyle=":")
         axes.axhline(random_return, color="0.45", linewidth=1, linestyle="--")
-        for start, _, _ in drift.check_schedule(config.env, config.schedule)[1:]:
-            axes.axvline(start, color="0.6", linewidth=0.8)
-        axes.set_title(NAMES[agent], loc="left", fontsize=10)
+        for regime in config.regimes[1:]:
+            axes.axvline(regime.start, color="0.6", linewidth=0.8)
+        axes.set_title(AGENTS[agent].label, loc="left", fontsize=10)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in panels[len(runs) :]:
         axes.set_visible(False)
@@ -126,7 +88,7 @@ def study_curves(runs, config, random_return, path):
         "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random"
         " policy"
     )
-    figure.suptitle(f"{NAMES[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
+    figure.suptitle(f"{LABELS[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
     save(figure, path)
 
 
@@ -134,14 +96,12 @@ def adaptation(summaries, config, path):
     """Recovery and area after each drift of {agent: [summary per seed]}: every seed, and the median
     of each agent.
     """
-    count = len(next(iter(summaries.values()))[0]["regimes"])
-    regimes = drift.check_schedule(config.env, config.schedule)[1:count]
+    regimes = config.regimes[1:]
     agents = [agent for agent in summaries if agent != "random"]
     figure = Figure(figsize=(10, 6.5), layout="constrained")
     FigureCanvasAgg(figure)
     above, below = figure.subplots(2, 1, sharex=True)
-    ends = [start for start, _, _ in regimes[1:]] + [config.episodes]
-    never = 1.15 * max(end - start for (start, _, _), end in zip(regimes, ends, strict=True))
+    never = 1.15 * max(regime.end - regime.start for regime in regimes)
     for k, agent in enumerate(agents):
         rows = list(zip(*(run["regimes"][1:] for run in summaries[agent]), strict=True))
         for axes, key, censored in ((above, "recovery", never), (below, "area", np.nan)):
@@ -150,15 +110,21 @@ def adaptation(summaries, config, path):
             )
             x = np.arange(len(rows)) + (k + 0.5) / len(agents) * 0.8 - 0.4
             axes.plot(
-                x, values, ".", color=COLOURS[agent], alpha=0.4, markersize=6, markeredgewidth=0
+                x,
+                values,
+                ".",
+                color=AGENTS[agent].colour,
+                alpha=0.4,
+                markersize=6,
+                markeredgewidth=0,
             )
             axes.plot(
                 x,
                 np.median(values, 1),
-                MARKS[agent],
-                color=COLOURS[agent],
+                AGENTS[agent].mark,
+                color=AGENTS[agent].colour,
                 markersize=7,
-                label=NAMES[agent],
+                label=AGENTS[agent].label,
             )
     above.axhline(never, color="0.7", linewidth=0.8, zorder=0)
     above.text(len(regimes) - 0.5, never, "never ", ha="right", va="bottom", color="0.4")
@@ -166,14 +132,14 @@ def adaptation(summaries, config, path):
     below.axhline(1, color="0.7", linewidth=0.8, zorder=0)
     below.set(ylabel="area (0: random, 1: as before)", xlim=(-0.5, len(regimes) - 0.5))
     labels = [
-        ("reset: " if event == "reset" else "") + drift.describe(factors, "\n")
-        for _, factors, event in regimes
+        ("reset: " if regime.event == "reset" else "") + describe(regime.factors, "\n")
+        for regime in regimes
     ]
     below.set_xticks(range(len(regimes)), labels)
     for axes in (above, below):
         axes.spines[["top", "right"]].set_visible(False)
     above.set_title(
-        f"{NAMES[config.env]}, after each drift: dots are seeds, marks their medians", loc="left"
+        f"{LABELS[config.env]}, after each drift: dots are seeds, marks their medians", loc="left"
     )
     handles, names = above.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
@@ -209,7 +175,7 @@ def value_maps(before, after, m):
     for axes, title, picture, colours in pictures:
         figure.colorbar(axes.imshow(picture, **look, **colours), ax=axes)
         axes.set_title(title, loc="left")
-    actions = dict(cmap=ListedColormap([OKABE_ITO[0], "0.9", OKABE_ITO[4]]), vmin=0, vmax=2)
+    actions = dict(cmap=ListedColormap([BLUE, "0.9", ORANGE]), vmin=0, vmax=2)
     bottom[0].imshow(before.argmax(-1), **look, **actions)
     bottom[1].imshow(greedy != before.argmax(-1), **look, cmap="Greys", vmin=0, vmax=1)
     bottom[2].imshow(greedy, **look, **actions)
@@ -255,13 +221,13 @@ def forest(final, path):
             difference,
             np.full(len(difference), y),
             "o",
-            color=COLOURS[agent],
+            color=AGENTS[agent].colour,
             alpha=0.5,
             markersize=4,
         )
-        axes.plot([low, high], [y, y], color=COLOURS[agent], linewidth=2)
-        axes.plot(middle, y, MARKS[agent], color=COLOURS[agent], markersize=8)
-    axes.set_yticks(range(len(others)), [NAMES[agent] for agent in reversed(others)])
+        axes.plot([low, high], [y, y], color=AGENTS[agent].colour, linewidth=2)
+        axes.plot(middle, y, AGENTS[agent].mark, color=AGENTS[agent].colour, markersize=8)
+    axes.set_yticks(range(len(others)), [AGENTS[agent].label for agent in reversed(others)])
     axes.set_xlabel(
         "final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)"
     )
@@ -278,18 +244,12 @@ def save(figure, path):
 
 def _mark_regimes(axes, config):
     """Shade the regimes in turn, and say above each what is not as in the stock physics."""
-    regimes = [
-        regime
-        for regime in drift.check_schedule(config.env, config.schedule)
-        if regime[0] < config.episodes
-    ]
-    starts = [start for start, _, _ in regimes]
     axes.set_xlim(0, config.episodes)
-    for (start, factors, event), end in zip(regimes, [*starts[1:], config.episodes], strict=True):
+    for start, end, factors, event in config.regimes:
         if any(factor != 1 for factor in factors.values()):
             axes.axvspan(start, end, color="0.93", zorder=0)
         if start:
             axes.axvline(start, color="0.25", linewidth=1, linestyle="--")
-        label = ("reset:\n" if event == "reset" else "") + drift.describe(factors, "\n")
+        label = ("reset:\n" if event == "reset" else "") + describe(factors, "\n")
         middle, above = (start + end) / 2, axes.get_xaxis_transform()
         axes.text(middle, 1.01, label, transform=above, ha="center", va="bottom", fontsize=9)

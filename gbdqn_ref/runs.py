@@ -11,11 +11,8 @@ left alone.
 """
 
 import csv
-import json
-import os
 import platform
 import time
-from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
@@ -24,15 +21,10 @@ import numpy as np
 from tqdm import tqdm
 
 from . import UsageError, __version__, checkpoint, drift, plots, stats
-from .checkpoint import write_atomically
 from .config import Config
+from .files import locked, read_json, write_atomically, write_json
 from .replay import RecencyReplay
 from .train import evaluate, make_agent, run
-
-try:
-    import fcntl
-except ImportError:  # Windows has no flock; there nothing keeps two processes from one folder
-    fcntl = None
 
 COLUMNS = {
     "episode": int,
@@ -59,7 +51,7 @@ def train(config, out, resume=False, quiet=False):
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; choose another --out")
-    if resume and read_config(out) != config:
+    if resume and read_config(out).resolved() != config.resolved():
         raise UsageError(
             f"the run in {out} has other settings; leave them out to resume it, or choose another"
             " --out"
@@ -73,30 +65,22 @@ def train(config, out, resume=False, quiet=False):
     return read_summary(out)
 
 
-@contextmanager
-def locked(out):
-    """Keep other processes from this folder; a killed process leaves no lock behind."""
-    if not fcntl:
-        yield
-        return
-    descriptor = os.open(out, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as e:
-            raise UsageError(
-                f"{out} is in use by another process; wait for it or choose another --out"
-            ) from e
-        yield
-    finally:
-        os.close(descriptor)
-
-
 def _train(config, out, quiet):
     agent, first = make_agent(config), 0
     if (out / "checkpoint.npz").exists():
         first = checkpoint.load(out / "checkpoint.npz", agent)
     _cut(out / "episodes.csv", first)
+    if first < config.episodes:
+        _train_on(config, agent, first, out, quiet)
+        agent = agent.finish()
+        checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
+    records, level = read_episodes(out), random_return(config)
+    plots.learning_curves({config.agent: records}, config, level, out / "curve.png")
+    write_json(out / "summary.json", summarise(config, agent, records, level))
+
+
+def _train_on(config, agent, first, out, quiet):
+    """Append a line per episode, with a checkpoint now and then."""
     saved = time.monotonic()
     with (
         open(out / "episodes.csv", "a", newline="", encoding="utf-8") as file,
@@ -105,33 +89,30 @@ def _train(config, out, quiet):
         ) as bar,
     ):
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-        for record in run(config, agent, first) if first < config.episodes else []:
+        for record in run(config, agent, first):
             writer.writerow(record | {"evaluation": " ".join(map(repr, record["evaluation"]))})
             file.flush()
-            shown = {
-                "return": f"{record['return']:.0f}",
-                "ε": f"{record['epsilon']:.2f}",
-                "regime": record["regime"],
-            }
-            bar.set_postfix(shown, refresh=False)
+            bar.set_postfix(_progress(record), refresh=False)
             bar.update()
-            if (
-                time.monotonic() - saved > CHECKPOINT_SECONDS
-                and record["episode"] + 1 < config.episodes
-            ):
-                checkpoint.save(out / "checkpoint.npz", agent, record["episode"] + 1)
+            episodes = record["episode"] + 1
+            if time.monotonic() - saved > CHECKPOINT_SECONDS and episodes < config.episodes:
+                checkpoint.save(out / "checkpoint.npz", agent, episodes)
                 saved = time.monotonic()
-    checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
-    records = read_episodes(out)
-    plots.learning_curves({config.agent: records}, config, random_return(config), out / "curve.png")
-    write_json(out / "summary.json", summarise(config, agent, records))
 
 
-def summarise(config, agent, records):
+def _progress(record):
+    """What the bar shows of the last episode."""
+    return {
+        "return": f"{record['return']:.0f}",
+        "ε": f"{record['epsilon']:.2f}",
+        "regime": record["regime"],
+    }
+
+
+def summarise(config, agent, records, level):
     """The contents of summary.json; `evaluation` has a row after each regime, a column for each it
     is evaluated in.
     """
-    level = random_return(config)
     summary = {
         "env": config.env,
         "agent": config.agent,
@@ -245,23 +226,3 @@ def _cut(path, episodes):
             f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen"
         )
     write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
-
-
-def read_json(path, *keys):
-    """The object in a JSON file, which must have these keys."""
-    try:
-        content = json.loads(Path(path).read_bytes())
-        missing = [key for key in keys if key not in dict(content)]
-        if missing:
-            raise ValueError(f"no {missing}")
-    except (ValueError, TypeError) as e:
-        raise UsageError(
-            f"{path} is damaged ({e}); restore it or start a new run in another folder"
-        ) from e
-    return content
-
-
-def write_json(path, content):
-    """Write plain JSON, atomically, the same bytes for the same content."""
-    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-    write_atomically(path, lambda file: file.write(text.encode()))

@@ -16,7 +16,7 @@ from threading import Thread
 
 from tqdm import tqdm
 
-from . import UsageError, runs
+from . import UsageError, files, runs
 from .config import Config
 
 
@@ -30,8 +30,8 @@ def run_study(configs, out, executor=None, jobs=1, quiet=False):
     """
     out = Path(out)
     _check_folder(configs, out)
-    with runs.locked(out):
-        runs.write_json(out / "study.json", _description(configs))
+    with files.locked(out):
+        files.write_json(out / "study.json", _description(configs))
         left = {out / f"{config.agent}-{config.seed}": config for config in configs}
         total = sum(config.episodes for config in configs)
         with tqdm(total=total, unit="ep", desc=f"{len(configs)} runs", disable=quiet) as bar:
@@ -48,14 +48,14 @@ def run_study(configs, out, executor=None, jobs=1, quiet=False):
                 failed |= _train_in_processes(jobs, broken, left, bar) if broken else {}
         if not failed:
             summaries = [runs.read_summary(folder) for folder in left]
-            runs.write_json(out / "results.json", _description(configs) | {"runs": summaries})
+            files.write_json(out / "results.json", _description(configs) | {"runs": summaries})
     return {folder.name: f"{type(e).__name__}: {e}" for folder, e in failed.items()}
 
 
 def report(out):
     """({agent: [summary per seed]}, {agent: [records per seed]}) of a complete study."""
     out, summaries, records = Path(out), {}, {}
-    for summary in runs.read_json(out / "results.json", "runs")["runs"]:
+    for summary in files.read_json(out / "results.json", "runs")["runs"]:
         agent = summary["agent"]
         summaries.setdefault(agent, []).append(summary)
         records.setdefault(agent, []).append(runs.read_episodes(out / f"{agent}-{summary['seed']}"))
@@ -92,7 +92,7 @@ def _check_folder(configs, out):
     out.mkdir(parents=True, exist_ok=True)
     known = out / "study.json"
     if known.exists():
-        if runs.read_json(known, "settings")["settings"] != _description(configs)["settings"]:
+        if files.read_json(known, "settings")["settings"] != _description(configs)["settings"]:
             raise UsageError(
                 f"the study in {out} has other settings; repeat them, or choose another --out"
             )

@@ -2,19 +2,18 @@
 
 import numpy as np
 
-from . import drift, plots, stats
+from . import stats
+from .agents import AGENTS
 from .effect import HURTS
+from .schedule import LABELS, describe
 
 RANDOM = "random policy, stock physics"
 
 
 def regimes(summaries, config):
     """Per regime and agent the mean return, the drop and the recovery; then the final return."""
-    names = [plots.NAMES[agent] for agent in summaries]
-    print(
-        f"\n{plots.NAMES[config.env]}, seed {config.seed}: mean return, drop and recovery per"
-        " regime"
-    )
+    names = [AGENTS[agent].label for agent in summaries]
+    print(f"\n{LABELS[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
     tables = [summary["regimes"] for summary in summaries.values()]
     labels = [_label(row, config) for row in tables[0]]
     width = max(len(label) for label in (*labels, RANDOM)) + 1
@@ -32,8 +31,8 @@ def regimes(summaries, config):
     for agent, summary in summaries.items():
         if "recency_share_of_replay" in summary:
             print(
-                f"\n{plots.NAMES[agent]} ended with {summary['recency_share_of_replay']:.0%} of its"
-                " samples by recency"
+                f"\n{AGENTS[agent].label} ended with "
+                f"{summary['recency_share_of_replay']:.0%} of its samples by recency"
             )
     print(
         "\ndrop: part of the level before the drift lost in the first 20 episodes after it (random"
@@ -53,7 +52,7 @@ def study(summaries, config):
     final = {
         agent: np.array([row["final_return"] for row in rows]) for agent, rows in summaries.items()
     }
-    print(f"\n{plots.NAMES[config.env]}, {count} runs each: mean return per regime; final return")
+    print(f"\n{LABELS[config.env]}, {count} runs each: mean return per regime; final return")
     for row in next(iter(summaries.values()))[0]["regimes"]:
         print(f"  {_label(row, config)}")
     print(f"\n{'':14}{'regimes':35}{'mean ± std':>20}{'IQM':>9}   minus DQN's [95 %]")
@@ -64,7 +63,7 @@ def study(summaries, config):
         cells = "".join(f"{mean:8.1f}" for mean in means)
         mean, std = stats.mean_std(final[agent])
         line = (
-            f"{plots.NAMES[agent]:14}{cells:44}{mean:8.1f} ±"
+            f"{AGENTS[agent].label:14}{cells:44}{mean:8.1f} ±"
             f" {std or 0:5.1f}{stats.iqm(final[agent]):9.1f}"
         )
         if "dqn" in final and agent != "dqn":
@@ -80,7 +79,7 @@ def study(summaries, config):
 def drift_effect(rows, config):
     """What effect.drift_effect() found, a line per regime."""
     width = max(len(row["regime"]) for row in rows) + 1
-    print(f"\n{plots.NAMES[config.env]}: mean greedy return, {config.agent}, seed {config.seed}\n")
+    print(f"\n{LABELS[config.env]}: mean greedy return, {config.agent}, seed {config.seed}\n")
     print(f"{'regime':{width}}{'random':>9}{'frozen':>9}{'trained':>9}{'lost':>8}")
     for row in rows:
         lost = "–" if row["lost"] is None else f"{row['lost']:.0%}"
@@ -100,11 +99,7 @@ def drift_effect(rows, config):
 
 
 def _label(row, config):
-    entry = next(
-        (entry for entry in config.schedule if entry["episode"] == row["first_episode"]), {}
-    )
-    factors = {name: value for name, value in entry.items() if name not in ("episode", "reset")}
-    return f"{row['regime']}  {drift.describe(factors)}"
+    return f"{row['regime']}  {describe(config.regimes[row['regime']].factors)}"
 
 
 def _drop(row):

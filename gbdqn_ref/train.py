@@ -1,50 +1,34 @@
-"""The training loop, as a generator of episodes. The algorithms are in dqn, gbdqn and baselines.
+"""The training loop that all agents share, as a generator of episodes."""
 
-This is the part that all share.
-"""
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
-from . import drift
-from .baselines import EnsembleDQN, FrozenDQN, Random, ResetDQN, sliding_dqn
+from . import DivergenceError, drift
+from .agents import AGENTS
 from .config import Config
-from .dqn import DQN
-from .gbdqn import GBDQN
 
 __all__ = ["Config", "evaluate", "evaluate_regimes", "make_agent", "run"]
 
-AGENTS = {
-    "gbdqn": GBDQN,
-    "dqn": DQN,
-    "ensemble": EnsembleDQN,
-    "reset": ResetDQN,
-    "sliding": sliding_dqn,
-    "frozen": FrozenDQN,
-    "random": Random,
-    "dqn-recency": DQN,
-    "gbdqn-per": GBDQN,
-}
+THREADS = ThreadpoolController()  # of the libraries that NumPy has loaded by now
 
 
-def make_agent(config):
-    """A new agent for the environment of the config, with its own generator, seeded by
-    config.seed.
-    """
+def make_agent(config: Config) -> Any:
+    """A new agent for the environment of the config; its generator is seeded by config.seed."""
     env = drift.make(config.env)
-    return AGENTS[config.agent](
-        env.observation_space.shape[0],
-        int(env.action_space.n),
-        config,
-        np.random.default_rng(config.seed),
-    )
+    state_dim, n_actions = env.observation_space.shape[0], int(env.action_space.n)
+    rng = np.random.default_rng(config.seed)
+    return AGENTS[config.agent].make(state_dim, n_actions, config, rng)
 
 
-def run(config, agent=None, first_episode=0):
-    """Train, and yield one record per episode: a dict of what the episode was and came to.
+def run(config: Config, agent: Any = None, first_episode: int = 0) -> Iterator[dict[str, Any]]:
+    """Train, and yield one record per episode. It is a pure function of the config.
 
-    Hand in an agent to keep hold of it; with one that has seen first_episode episodes, the run goes
-    on from there exactly as if it had not been interrupted. The last record of a regime has an
-    evaluation in every regime.
+    Hand in an agent to keep hold of it. With one that has seen first_episode episodes, the run goes
+    on as if it had never stopped. The last record of a regime has an evaluation in every regime;
+    the last one of the run is of the finished agent.
 
     >>> config = Config(env="cartpole", episodes=2, learning_starts=10)
     >>> [(record["episode"], record["return"]) for record in run(config)]
@@ -52,63 +36,86 @@ def run(config, agent=None, first_episode=0):
     """
     agent = make_agent(config) if agent is None else agent
     env = drift.make(config.env, config.schedule)
-    starts = {start for start, _, _ in drift.check_schedule(config.env, config.schedule)}
+    last = {regime.end - 1 for regime in config.regimes}
     for episode in range(first_episode, config.episodes):
-        s, info = env.reset(seed=episode_seed(config.seed, episode), options={"episode": episode})
-        if info["event"]:
-            agent.on_drift(info["event"])
-        length, total, deltas, ends = 0, 0.0, [], False
-        while not ends:
-            a = agent.act(s)
-            s2, r, terminated, truncated, info = env.step(a)
-            agent.observe(s, a, r, s2, terminated)
-            if agent.steps >= config.learning_starts and agent.steps % config.update_every == 0:
-                deltas += [agent.learn() for _ in range(config.gradient_steps)]
-            s, ends, length, total = s2, terminated or truncated, length + 1, total + float(r)
-        yield {
-            "episode": episode,
-            "regime": info["regime"],
-            "event": info["event"] or "",
-            "return": total,
-            "length": length,
-            "steps": agent.steps,
-            "epsilon": agent.epsilon,
-            "td_error": float(np.abs(deltas).mean()) if deltas else float("nan"),
-            "evaluation": (
-                evaluate_regimes(agent, config) if episode + 1 in {*starts, config.episodes} else []
-            ),
-        }
-    agent.on_drift("end")
+        # one thread: more are slower on matrices this small; and divergence is an error of its own
+        with THREADS.limit(limits=1), np.errstate(over="ignore", invalid="ignore"):
+            record = _train_episode(agent, env, config, episode)
+            if episode in last:
+                judged = agent.finish() if episode + 1 == config.episodes else agent
+                record["evaluation"] = evaluate_regimes(judged, env, config)
+        yield record
 
 
-def episode_seed(seed, episode):
-    """The seed of an episode's reset: independent of the agent, so that agents with one seed meet
-    the same starts.
-    """
+def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode: int) -> dict:
+    """The record of one episode of training."""
+    seed = episode_seed(config.seed, episode)
+    s, info = env.reset(seed=seed, options={"episode": episode})
+    if info["event"]:
+        agent.on_drift(info["event"])
+    length, total, deltas, ends = 0, 0.0, [], False
+    while not ends:
+        a = agent.act(s)
+        s2, r, terminated, truncated, info = env.step(a)
+        agent.observe(s, a, r, s2, terminated)
+        if agent.steps >= config.learning_starts and agent.steps % config.update_every == 0:
+            for _ in range(config.gradient_steps):
+                deltas.append(agent.learn())
+                _check_finite(deltas[-1], "TD error", agent, episode)
+        s, ends, length, total = s2, terminated or truncated, length + 1, total + float(r)
+    _check_finite(getattr(agent, "theta", np.empty(0)), "parameter", agent, episode)
+    td_errors = np.abs(np.concatenate(deltas)) if deltas else np.empty(0)
+    td_error = float(td_errors.mean()) if len(td_errors) else float("nan")
+    agent.end_episode(total, td_error)
+    return {
+        "episode": episode,
+        "regime": info["regime"],
+        "event": info["event"] or "",
+        "return": total,
+        "length": length,
+        "steps": agent.steps,
+        "epsilon": agent.epsilon,
+        "td_error": td_error,
+        "evaluation": [],
+    }
+
+
+def _check_finite(values: np.ndarray, what: str, agent: Any, episode: int) -> None:
+    if not np.isfinite(values).all():
+        raise DivergenceError(
+            f"training diverged in episode {episode}, step {agent.steps}: a {what} is not finite; "
+            f"the likely cause is lr={agent.config.lr:g}, so try a smaller one"
+        )
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """The seed of an episode's reset: independent of the agent, so agents meet the same starts."""
     return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0])
 
 
-def evaluate_regimes(agent, config, episodes=5):
-    """Mean return of the greedy policy in each regime of the run, without learning: what is known
-    of each by now.
+def evaluate_regimes(
+    agent: Any, env: drift.DriftWrapper, config: Config, episodes: int = 5
+) -> list[float]:
+    """Mean greedy return in each regime of the run: how well the agent now does in each.
+
+    `env` has the schedule of the config; nothing is learnt.
     """
-    regimes = drift.check_schedule(config.env, config.schedule)
-    schedules = [
-        [{"episode": 0, **factors}] for start, factors, _ in regimes if start < config.episodes
+    return [
+        float(evaluate(agent, env, episodes, config.seed, regime.start).mean())
+        for regime in config.regimes
     ]
-    envs = [drift.make(config.env, schedule) for schedule in schedules]
-    return [float(evaluate(agent, env, episodes, config.seed).mean()) for env in envs]
 
 
-def evaluate(agent, env, episodes, seed):
-    """Returns (episodes,) of the greedy policy, without learning, in the regime of the
-    environment's episode 0.
+def evaluate(
+    agent: Any, env: drift.DriftWrapper, episodes: int, seed: int, start: int = 0
+) -> np.ndarray:
+    """Greedy returns (episodes,) in the physics of the environment's episode `start`.
 
-    Start a later regime by giving `env` a schedule that begins with it at episode 0.
+    Nothing is learnt.
     """
     returns = np.zeros(episodes)
     for k in range(episodes):
-        s, _ = env.reset(seed=episode_seed(seed, k), options={"episode": 0})
+        s, _ = env.reset(seed=episode_seed(seed, k), options={"episode": start})
         ends = False
         while not ends:
             s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))

@@ -10,7 +10,8 @@ from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
 from . import UsageError, drift, plots, runs
-from .checkpoint import write_atomically
+from .files import write_atomically
+from .schedule import describe
 from .train import episode_seed
 
 WIDTH, CAPTION, FRAMES = 320, 40, 150  # pixels, pixels, the most that a film has
@@ -27,8 +28,7 @@ def film(out, path, regime=1, seed=0):
     Returns the two returns.
     """
     config = runs.read_config(out)
-    schedule = drift.check_schedule(config.env, config.schedule)
-    regimes = [factors for start, factors, _ in schedule if start < config.episodes]
+    regimes = [each.factors for each in config.regimes]
     if not 1 <= regime < len(regimes):
         had = f"it has 1 to {len(regimes) - 1}" if len(regimes) > 1 else "its physics never change"
         raise UsageError(f"there is no drift {regime} in the run in {out}; {had}")
@@ -38,7 +38,7 @@ def film(out, path, regime=1, seed=0):
     ]  # first: MuJoCo is told once where to draw
     _, agent = runs.read_agent(out)
     films = [
-        (f"{when}: {drift.describe(factors)}", *_episode(agent, env, episode_seed(seed, 0)))
+        (f"{when}: {describe(factors)}", *_episode(agent, env, episode_seed(seed, 0)))
         for (when, factors), env in zip(shown.items(), envs, strict=True)
     ]
     length = max(len(pictures) for _, pictures, _ in films)
