@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy import cos, pi, sin
 
-from gbdqn_ref import drift
+from gbdqn_ref import drift, schedule
 from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole
 
 CONSTANTS = {
@@ -36,12 +36,12 @@ STATES = {  # (low, high): beyond where an episode ends, and for Acrobot at full
     "mountaincar": ([-1.2, -0.07], [0.6, 0.07]),
     "acrobot": ([-pi, -pi, -4 * pi, -9 * pi], [pi, pi, 4 * pi, 9 * pi]),
 }
-PARAMETERS = [(name, key) for name in CONSTANTS for key in drift.factors_of(name)]
+PARAMETERS = [(name, key) for name in CONSTANTS for key in schedule.stock(name)]
 factor = st.floats(0.1, 10)
 
 
 def factors_for(name):
-    return st.dictionaries(st.sampled_from(sorted(drift.factors_of(name))), factor)
+    return st.dictionaries(st.sampled_from(sorted(schedule.stock(name))), factor)
 
 
 class OracleAcrobot(AcrobotEnv):
@@ -172,7 +172,7 @@ def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_all_factors_together_are_a_freshly_built_environment(name):
-    factors = {key: 0.6 + 0.3 * i for i, key in enumerate(drift.factors_of(name))}
+    factors = {key: 0.6 + 0.3 * i for i, key in enumerate(schedule.stock(name))}
     same_transitions(
         name, drifted(name, **factors), FRESH[name](**factors), 1e-12 if name == "acrobot" else 0
     )
@@ -221,14 +221,14 @@ def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_only_the_instance_drifts_never_the_class(name):
-    env = drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
+    env = drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     later = drifted(name)
     assert constants(name, env) != constants(name, later) == constants(name, FRESH[name]())
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_a_setter_governs_just_the_constants_compared_here(name):
-    stock, env = drifted(name), drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
+    stock, env = drifted(name), drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
     assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(
         CONSTANTS[name]
@@ -305,7 +305,7 @@ def lagrangian_acceleration(state, push, g, cart, pole, half_length):
 
 
 @given(
-    st.sampled_from(sorted(drift.factors_of("cartpole"))),
+    st.sampled_from(sorted(schedule.stock("cartpole"))),
     factor,
     st.integers(0, 1),
     st.integers(0, 99),
@@ -315,7 +315,7 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
     env = CartPoleEnv()
     set_cartpole(env, **{key: by})
     state = np.random.default_rng(seed).uniform(*STATES["cartpole"])
-    f = dict.fromkeys(drift.factors_of("cartpole"), 1.0) | {key: by}
+    f = dict.fromkeys(schedule.stock("cartpole"), 1.0) | {key: by}
     expected = lagrangian_acceleration(
         state,
         (20 * action - 10) * f["force"],
