@@ -131,6 +131,11 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         super().__init__(env)
         self.episode, self.regime = -1, 0
 
+    def __setstate__(self, state):
+        """A copy has its regime's physics: Gymnasium builds MuJoCo's part of it anew, as stock."""
+        self.__dict__.update(state)
+        self._set(self.env.unwrapped, **self.regimes[self.regime][1])
+
     def reset(self, *, seed=None, options=None):
         options = dict(options or {})
         self.episode = options.pop("episode", self.episode + 1)
