@@ -2,16 +2,21 @@
 differs from stock.
 """
 
+from fractions import Fraction
+from itertools import product
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+from gymnasium.envs.classic_control.acrobot import wrap as stock_wrap
+from gymnasium.error import ResetNeeded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy import cos, pi, sin
 
-from gbdqn_ref import drift, schedule
-from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole
+from gbdqn_ref import UsageError, drift, schedule
+from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole, wrap
 
 CONSTANTS = {
     "cartpole": (
@@ -269,6 +274,74 @@ def test_acrobot_is_registered_like_the_stock_one():
         stock.reward_threshold,
     )
     assert drift.make("acrobot").observation_space == gymnasium.make("Acrobot-v1").observation_space
+
+
+@pytest.mark.parametrize(("option", "value"), [("torque_noise_max", 0.5), ("book_or_nips", "nips")])
+def test_acrobot_has_the_options_of_the_stock_acrobot(option, value):
+    ours, stock, plain = Acrobot(), AcrobotEnv(), Acrobot()
+    for env in (ours, stock):
+        env.reset(seed=0)  # the noise is drawn from the environment's own generator
+        setattr(env, option, value)
+    gaps = []
+    for state, action in transitions("acrobot"):
+        x, y = after(ours, state, action)[0], after(stock, state, action)[0]
+        assert apart("acrobot", x, y) <= 1e-12
+        gaps.append(apart("acrobot", x, after(plain, state, action)[0]))
+    assert max(gaps) > 1e-3, "the option has an effect"
+
+
+def test_acrobot_says_that_it_must_be_reset_first():
+    with pytest.raises(ResetNeeded, match="reset"):
+        Acrobot().step(0)
+
+
+@pytest.mark.parametrize("name", drift.ENVIRONMENTS)
+def test_a_step_before_the_first_reset_is_refused(name):
+    with pytest.raises(ResetNeeded, match=r"before calling env.reset\(\)"):
+        drift.make(name).step(0)
+
+
+@pytest.mark.parametrize("name", drift.ENVIRONMENTS)
+def test_there_is_no_action_before_the_first_or_after_the_last(name):
+    """Catches a list, of which −1 is the last element."""
+    env = drift.make(name)
+    env.reset(seed=0)
+    for action in (-1, int(env.action_space.n), "left", None):
+        with pytest.raises((UsageError, AssertionError), match=f"{action!r}"):
+            env.step(action)
+    for action in (np.int64(1), np.array(1), 1):
+        env.step(action)
+
+
+def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
+    env = Acrobot()
+    env.reset(seed=0)
+    with pytest.raises(UsageError, match=r"^action must be a whole number from 0 to 2, not -1$"):
+        env.step(-1)
+
+
+@given(st.floats(-60, 60) | st.integers(-19, 19).map(lambda k: k * pi) | st.just(-0.0))
+@settings(max_examples=2000)
+def test_an_angle_is_wrapped_as_turn_by_turn_to_the_bit(angle):
+    for near in (angle, np.nextafter(angle, -np.inf).item(), np.nextafter(angle, np.inf).item()):
+        assert wrap(near).hex() == stock_wrap(near, -pi, pi).hex()
+
+
+@pytest.mark.parametrize("angle", [1e5, 1e17, 1e300, -1e300])
+def test_no_angle_is_too_large_to_be_wrapped(angle):
+    """Catches turns taken off one by one, of which 1e17 does not notice any."""
+    turns = (Fraction(angle) - Fraction(wrap(angle))) / Fraction(2 * pi)
+    assert abs(wrap(angle)) <= pi and turns.denominator == 1
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_every_corner_of_the_factors_can_be_stepped(name):
+    """A hundredth and a hundred times each constant: nothing overflows, divides by 0 or hangs."""
+    names, rng = list(schedule.stock(name)), np.random.default_rng(0)
+    for corner in product((0.01, 100.0), repeat=len(names)):
+        env = drifted(name, **dict(zip(names, corner, strict=True)))
+        for state, action in transitions(name, 10, seed=int(rng.integers(99))):
+            assert np.isfinite(after(env, state, action)[0]).all()
 
 
 def alike(env, other):
