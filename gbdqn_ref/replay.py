@@ -68,14 +68,22 @@ class UniformReplay:
     """
 
     def __init__(self, capacity, state_dim):
-        self.capacity, self.added = int(capacity), 0
+        self.capacity, self.added, self.first = int(capacity), 0, 0  # first: the oldest that counts
         self.s, self.s2 = np.zeros((2, self.capacity, state_dim), np.float32)
         self.a = np.zeros(self.capacity, np.int64)
         self.r = np.zeros(self.capacity, np.float32)
         self.terminated = np.zeros(self.capacity, bool)
 
     def __len__(self):
-        return min(self.added, self.capacity)
+        return min(self.added - self.first, self.capacity)
+
+    def slots(self):
+        """The slots (N,) of the stored transitions."""
+        return (self.first + np.arange(len(self))) % self.capacity
+
+    def keep(self, n):
+        """Drop all but the newest n: they are never drawn again and no longer count in N."""
+        self.first = max(self.first, self.added - n)
 
     def add(self, s, a, r, s2, terminated):
         """Store a transition over the oldest one when full; returns its slot."""
@@ -98,7 +106,7 @@ class UniformReplay:
 
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement, P(i) = 1/N."""
-        index = rng.integers(self._total(), size=batch_size)
+        index = (self.first + rng.integers(self._total(), size=batch_size)) % self.capacity
         return self._batch(index, np.ones(batch_size, np.float32))
 
     def _batch(self, index, weight):
@@ -128,9 +136,9 @@ class UniformReplay:
     def check_valid(self):
         """Raise AssertionError unless the ring is consistent."""
         assert 0 <= len(self) <= self.capacity and self.added >= len(self)
-        assert sorted(self.age(np.arange(len(self)))) == list(range(len(self)))
+        assert sorted(self.age(self.slots())) == list(range(len(self)))
         for array in (self.s, self.a, self.r, self.s2, self.terminated):
-            assert not array[len(self) :].any(), "an empty slot holds something"
+            assert not array[self.added :].any(), "an empty slot holds something"
 
 
 class SumTree:
@@ -220,6 +228,11 @@ class ProportionalReplay(UniformReplay):
         self.tree.set(slot, self.max_priority)
         return slot
 
+    def keep(self, n):
+        dropped = np.arange(self.added - len(self), self.added - n) % self.capacity
+        super().keep(n)
+        self.tree.set(dropped, 0.0)
+
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement from probabilities()."""
         index = self._draw(batch_size, rng)
@@ -229,7 +242,7 @@ class ProportionalReplay(UniformReplay):
         return self._batch(index, weight.astype(np.float32))
 
     def probabilities(self):
-        return self._probability(np.arange(len(self)))
+        return self._probability(self.slots())
 
     def update_priorities(self, index, delta):
         priority = td_priority(
@@ -255,9 +268,8 @@ class ProportionalReplay(UniformReplay):
 
     def check_valid(self):
         super().check_valid()
-        assert (self.tree.leaves[: len(self)] >= 0).all() and not self.tree.leaves[
-            len(self) :
-        ].any()
+        others = np.delete(self.tree.leaves, self.slots())
+        assert (self.tree.leaves >= 0).all() and not others.any()
         for below, above in zip(self.tree.levels, self.tree.levels[1:], strict=False):
             sums = below.reshape(-1, SumTree.FAN).sum(-1)
             assert (above[: len(sums)] == sums).all() and not above[len(sums) :].any()

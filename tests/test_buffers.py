@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from strategies import positives, reals, rngs, sizes, vectors
 
 from gbdqn_ref.config import Config
@@ -116,6 +116,12 @@ class UniformAgainstAList(RuleBasedStateMachine):
             ]
             self.added += 1
 
+    @rule(n=st.integers(0, 20))
+    def keep(self, n):
+        self.replay.keep(n)
+        self.stored = self.stored[max(0, len(self.stored) - n) :]
+
+    @precondition(lambda self: self.stored)
     @rule(rng=rngs(), errors=sizes(8).flatmap(vectors))
     def learn(self, rng, errors):
         """As an agent does: the TD errors of a batch are found, and a slot that is in it twice
@@ -152,10 +158,11 @@ class UniformAgainstAList(RuleBasedStateMachine):
                 r,
                 terminated,
             )
-        P = self.probability()
-        np.testing.assert_allclose(
-            self.replay.probabilities(), [P[slot] for slot in sorted(P)], rtol=1e-12
-        )
+        P, slots = self.probability(), self.replay.slots()
+        assert sorted(slots) == sorted(P)
+        if self.stored:
+            expected = [P[slot] for slot in slots]
+            np.testing.assert_allclose(self.replay.probabilities(), expected, rtol=1e-12)
 
 
 class ProportionalAgainstAList(UniformAgainstAList):

@@ -101,7 +101,7 @@ def test_the_acrobot_preset_has_the_papers_values():
         gamma=0.99,
         alpha=0.1,
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
 
 
 def test_the_hopper_preset_has_the_papers_values():
@@ -124,7 +124,7 @@ def test_the_hopper_preset_has_the_papers_values():
         gradient_steps=1,
         behaviour="epsilon-greedy",
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
     names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
     assert names == [
         (100, {"gravity"}),
@@ -237,8 +237,10 @@ WRONG = {  # values of a wrong kind, by the kinds that are right
     (str, NoneType): (1, False, ["recency"]),
     (int,): (1.5, 2.0, nan, "9", None, True, [1]),
     (float,): ("0.5", None, True, [1.0], 10**400, nan),
-    (float, str): (None, True, [0.1], 10**400, nan),
-    (bool,): (1, 0, "yes", None),
+    (float, NoneType): ("0.5", True, [1.0], nan),
+    (float, str, NoneType): (True, [0.1], 10**400, nan),
+    (bool, NoneType): (1, 0, "yes"),
+    (str, list, NoneType): (5, True, {"episode": 1}),
     (tuple,): (128, "128", None),
     (list,): (None, 5, "x", {"episode": 1}),
 }
@@ -266,7 +268,9 @@ EDGES = {  # the outermost values that are right
     "hidden": ((1, 4096), ()),
     "replay": (None, "uniform", "proportional", "recency"),
     "normalise": ("batch", None),
-    "alpha": (1e-9, 1e9, "closed-form"),
+    "alpha": (1e-9, 1e9, "closed-form", None),
+    "keep_data": (0.0, 1.0, None),
+    "drift_signal": ("schedule", "return", "td_error", [], [0, 3], None),
     "members": (1, 100),
     "bootstrap": (1e-9, 1.0),
     **dict.fromkeys(("episodes", "batch_size", "capacity", "window"), (1, 10_000_000)),
@@ -286,7 +290,7 @@ def test_what_is_just_allowed_is_taken(name, value):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
     kinds, rule = SETTINGS[name]
-    assert rule.words and (rule.breaks or kinds == (bool,))
+    assert rule.words and (rule.breaks or kinds == (bool, NoneType))
 
 
 @pytest.mark.parametrize(
@@ -296,7 +300,7 @@ def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
         ("lr", np.float32(0.5)),
         ("lr", np.int64(2)),
         ("seed", np.int64(7)),
-        ("zero_output", np.bool_(False)),
+        ("keep_adam", np.bool_(False)),
         ("hidden", (np.int64(8), np.int32(4))),
         ("schedule", [{"episode": np.int64(3), "gravity": np.float64(2.0)}]),
     ],
