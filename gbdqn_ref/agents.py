@@ -39,6 +39,7 @@ OWN: dict[str, Any] = dict(  # where an agent has no value of its own
     drift_signal="schedule",
 )
 RECENCY: dict[str, Any] = dict(replay="recency")
+# What an agent should keep at a drift, and how it finds one, is a question of ours (D22).
 REUSE: dict[str, Any] = dict(alpha=1.0, keep_data=0.0, keep_adam=False, drift_signal="return")
 TWIN: dict[str, Any] = REUSE | dict(warm_start=True, zero_output=False)
 BOOSTING = ("target", "alpha", "loss_on", "zero_output", "warm_start")

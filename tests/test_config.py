@@ -19,7 +19,7 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS, Config
 from gbdqn_ref.dqn import make_replay
 from gbdqn_ref.presets import PRESETS, source
-from gbdqn_ref.schedule import FACTORS
+from gbdqn_ref.schedule import FACTORS, stock
 
 FLOATS = [name for name, (kinds, _) in SETTINGS.items() if kinds == (float,)]
 ALL_PRESETS = [(name, env) for name in PRESETS for env in PRESETS[name]]
@@ -65,11 +65,36 @@ def test_every_preset_is_a_config_with_a_drift(name, env, agent):
 def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
     presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in FACTORS}
     assert presets == {
-        "cartpole": ["paper", "fast"],
-        "mountaincar": ["paper", "fast", "hard"],
-        "acrobot": ["paper", "fast", "hard"],
-        "hopper": ["paper", "fast", "long"],
+        "cartpole": ["paper", "fast", "recurring", "null", "held-out"],
+        "mountaincar": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "acrobot": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "hopper": ["paper", "fast", "long", "recurring", "null"],
     }
+
+
+@pytest.mark.parametrize("env", FACTORS)
+def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
+    recurring, null = Config.preset(env, "recurring"), Config.preset(env, "null")
+    starts = [[regime.start for regime in each.regimes] for each in (recurring, null)]
+    assert starts[0] == starts[1] and len(starts[0]) >= 5
+    drifted = [regime.factors for regime in recurring.regimes if regime.event == "drift"]
+    assert all(factors == drifted[0] != stock(env) for factors in drifted)
+    events = [regime.event for regime in recurring.regimes[1:]]
+    assert events == [("drift", "reset")[k % 2] for k in range(len(events))]
+    assert [regime.event for regime in null.regimes[1:]] == ["drift"] * (len(starts[1]) - 1)
+    assert not any(regime.drifted for regime in null.regimes)
+    assert recurring == replace(null, schedule=recurring.schedule)
+
+
+@pytest.mark.parametrize("env", sorted(PRESETS["held-out"]))
+def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
+    recurring, held = Config.preset(env, "recurring"), Config.preset(env, "held-out")
+    known = {entry["episode"] for entry in recurring.schedule}
+    assert not known & {entry["episode"] for entry in held.schedule}
+    (drifted,) = {tuple(r.factors.items()) for r in recurring.regimes if r.event == "drift"}
+    assert dict(drifted) not in [regime.factors for regime in held.regimes]
+    lengths = [regime.end - regime.start for regime in held.regimes]
+    assert lengths.count(10) == 4 and len(set(lengths)) > 4
 
 
 def test_a_preset_can_be_named_with_its_environment():
@@ -380,12 +405,21 @@ def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
             ("cart",),
             "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper$",
         ),
-        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast, hard$"),
-        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast, hard$"),
-        (("hopper", "slow"), "hopper has no preset 'slow'; choose one of paper, fast, long$"),
+        (
+            ("acrobot", "slow"),
+            "acrobot has no preset 'slow'; choose one of paper, fast, hard, recurring, null, held-out$",
+        ),
+        (
+            ("acrobot", "long"),
+            "acrobot has no preset 'long'; choose one of paper, fast, hard, recurring, null, held-out$",
+        ),
+        (
+            ("hopper", "slow"),
+            "hopper has no preset 'slow'; choose one of paper, fast, long, recurring, null$",
+        ),
         (
             ("hopper", ["long"]),
-            r"hopper has no preset \['long'\]; choose one of paper, fast, long$",
+            r"hopper has no preset \['long'\]; choose one of paper, fast, long, recurring, null$",
         ),
     ],
 )
