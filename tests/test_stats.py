@@ -1,5 +1,8 @@
 """Worked examples, small enough to be done by hand."""
 
+import re
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -123,6 +126,30 @@ def test_the_table_of_a_drop_and_a_recovery():
     )  # (2 · 60 + 8 · 100) / 10 = 92
 
 
+def test_a_run_of_two_regimes_worked_by_hand():
+    """No two of mean, median, minimum, first and last agree, and neither do 19, 20 and 21 episodes.
+
+    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. After the drift levels
+    1 (4 times), 0 (16), 2 (5): the first mean of 10 at 0.9 has five zeros and five twos.
+    """
+    rows = records([1000] * 5 + [9, 11] * 10, [10] * 4 + [0] * 16 + [20] * 5)
+    for number, each in enumerate(rows):
+        each["episode"] = 100 + number  # a run's later part
+    first, second = regime_table(rows, 0.0)
+    assert first["mean_return"] == 208.0 and first["first_episode"] == 100  # (5000 + 200) / 25
+    assert second == dict(
+        regime=1,
+        first_episode=125,
+        episodes=25,
+        event="drift",
+        mean_return=5.6,  # (4 · 10 + 5 · 20) / 25
+        drop=0.8,  # 1 − 4 / 20
+        recovery=25,
+        area=pytest.approx(0.56),
+    )
+    assert {type(value) for value in second.values()} == {int, float, str}  # JSON's own
+
+
 def test_the_reference_is_the_last_20_episodes_before_the_drift():
     table = regime_table(records([0] * 100 + [100] * 20, [50] * 20), 0.0)
     assert table[1]["drop"] == 0.5  # catches the mean of the whole regime, or the first 20
@@ -244,6 +271,7 @@ def test_the_interquartile_mean_moves_and_scales_with_its_values(x, shift, scale
 def test_the_interquartile_mean_is_taken_along_an_axis():
     x = np.arange(10.0).reshape(2, 5)
     assert iqm(x).tolist() == [2, 7] and iqm(x.T, axis=0).tolist() == [2, 7]
+    assert iqm([[9, 0], [1, 8], [5, 4], [6, 4]], axis=0).tolist() == [5.5, 4]
 
 
 @given(runs, rngs())
@@ -283,10 +311,30 @@ def test_nothing_has_no_average(ask):
         ask()
 
 
-@pytest.mark.parametrize(("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1])])
+@pytest.mark.parametrize(
+    ("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1]), (3, 1)]
+)
 def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
-    with pytest.raises(UsageError, match="one result per seed"):
+    shapes = re.escape(f"not {np.shape(x)} and {np.shape(y)}")
+    with pytest.raises(UsageError, match=f"one result per seed from both, {shapes}"):
         paired_difference(x, y, np.random.default_rng(0))
+
+
+def test_an_interval_ends_at_the_percentiles_of_all_resamples():
+    """2.5 and 97.5 % of the interquartile means of all 5⁵ resamples, each to one percent."""
+    values = [0.0, 1.0, 3.0, 7.0, 20.0]
+    every = np.array([iqm(resample) for resample in product(values, repeat=5)])
+    ends = bootstrap_interval(values, np.random.default_rng(0), resamples=3000)
+    for end, part in zip(ends, (0.025, 0.975), strict=True):
+        below, up_to = (every < end - 1e-9).mean(), (every < end + 1e-9).mean()
+        assert below - 0.01 < part < up_to + 0.01
+
+
+def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
+    """Of (0, 0, 1) the mean is 1 in 1/27 = 3.7 % of the resamples: within 95 %, not within 90 %."""
+    assert bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean) == (0.0, 1.0)
+    low, high = bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean, level=0.9)
+    assert (low, high) == (0.0, pytest.approx(2 / 3))
 
 
 def test_environments_are_resampled_by_themselves():
@@ -312,8 +360,17 @@ def test_pairing_takes_out_what_the_seeds_share():
     assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
 
 
+def test_a_paired_difference_by_hand():
+    """Differences 1, 2, −7, 10, whose middle half is 1 and 2; the two IQMs differ by 2.5."""
+    x, y = [1.0, 2.0, 3.0, 10.0], [0.0, 0.0, 10.0, 0.0]
+    middle, low, high = paired_difference(x, y, np.random.default_rng(0), resamples=1)
+    assert middle == 1.5 and low == high  # of one resample
+
+
 def test_mean_and_std_by_hand():
-    assert mean_std([1.0, 2.0, 3.0]) == (2.0, 1.0) and mean_std([4.0]) == (4.0, None)
+    assert mean_std([0.0, 0.0, 3.0]) == (1.0, pytest.approx(3**0.5))  # √((1 + 1 + 4) / 2)
+    assert mean_std([1.0, 3.0]) == (2.0, pytest.approx(2**0.5))
+    assert mean_std([4.0]) == (4.0, None)
 
 
 @pytest.mark.parametrize(
@@ -355,3 +412,7 @@ def test_forgetting_is_what_was_best_less_what_is_left():
     does not count.
     """
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
+
+
+def test_the_evaluation_right_after_a_regime_counts_as_its_best():
+    assert forgetting([[100, 0], [70, 5]]) == [30.0]
