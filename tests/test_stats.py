@@ -111,8 +111,7 @@ def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
 
 
 def test_the_table_of_a_drop_and_a_recovery():
-    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level,
-    # and 92 is 90 % of it
+    # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
         regime=1,
@@ -224,8 +223,7 @@ def test_a_short_regime_is_compared_with_what_there_is_before_it():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5)
-    # / 7 = 55/7
+    # the last regime's reference reaches back over two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
@@ -239,9 +237,7 @@ def test_the_table_says_where_each_regime_begins_and_by_which_event():
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of
-    it.
-    """
+    """Reference 100, random policy 0: 20 episodes of 50 and 20 of 100 have level 0.75."""
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -284,9 +280,7 @@ def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½
-    or at its edges.
-    """
+    """Of (0, 1) a resample's mean is 0, ½ or 1, with probabilities ¼, ½, ¼."""
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
@@ -338,9 +332,7 @@ def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
 
 
 def test_environments_are_resampled_by_themselves():
-    """Runs that agree within each environment leave no spread, however far the environments are
-    apart.
-    """
+    """Runs that agree within each environment leave no spread, however far these are apart."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
@@ -408,9 +400,7 @@ def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
 
 
 def test_forgetting_is_what_was_best_less_what_is_left():
-    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met
-    does not count.
-    """
+    """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
 
 
