@@ -1,8 +1,7 @@
-"""Gradient boosting of a Q-function (Eqs. 1–9): the additive ensemble Q_m = Σ α_j h_j and the step
-size α_m.
+"""Gradient boosting of a Q-function (Eqs. 1–9): the ensemble Q_m = Σ α_j h_j and its step α_m.
 
-Letters: h a booster (one network) or its predictions, α its weight, r_i its target, the Bellman
-residual y_i − Q_{m−1}(s_i, a_i) of Eq. 4; m boosters, θ (m, P) their parameters as one stack.
+Letters: h a booster (one network) or its predictions, α its weight, r_i its target, which is the
+Bellman residual y_i − Q_{m−1}(s_i, a_i) of Eq. 4; m boosters, θ (m, P) their stacked parameters.
 """
 
 import numpy as np
@@ -11,13 +10,12 @@ LARGEST, LARGEST_32 = (float(np.finfo(kind).max) for kind in (np.float64, np.flo
 
 
 def closed_form_alpha(residual, h, weights=None):
-    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), which minimises Σ w_i (r_i − α h_i)² (Eq. 7),
-    shapes (n,).
+    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), the minimum of Σ w_i (r_i − α h_i)² (Eq. 7).
 
-    The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as the paper prints it;
-    only with the weights of the training loss does it minimise that loss (D7). Where h = 0 on the
-    whole sample every α is optimal and the formula reads 0/0: the answer is 0, which adds nothing.
-    An α that no float can hold becomes the largest float.
+    All shapes are (n,). The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as
+    the paper prints it; α minimises the training loss only with that loss's weights (D7). If h = 0
+    on the whole sample, every α is optimal and the formula reads 0/0: the answer is 0, which adds
+    nothing. An α that no float can hold becomes the largest float.
 
     >>> closed_form_alpha(np.array([2.0, -1.0]), np.array([1.0, 1.0]))
     0.5
