@@ -1,5 +1,7 @@
 """Worked examples, small enough to be done by hand."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -287,6 +289,24 @@ def test_nothing_has_no_average(ask):
 def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
     with pytest.raises(UsageError, match="one result per seed"):
         paired_difference(x, y, np.random.default_rng(0))
+
+
+STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "stated", "n"),
+    [
+        (statistic, float(percent), int(n))
+        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
+    ],
+)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
+    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng = np.random.default_rng(0)
+    intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
+    covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
+    assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
 
 
 def test_environments_are_resampled_by_themselves():
