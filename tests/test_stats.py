@@ -331,6 +331,24 @@ def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
     assert (low, high) == (0.0, pytest.approx(2 / 3))
 
 
+STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "stated", "n"),
+    [
+        (statistic, float(percent), int(n))
+        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
+    ],
+)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
+    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng = np.random.default_rng(0)
+    intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
+    covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
+    assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
+
+
 def test_environments_are_resampled_by_themselves():
     """Runs that agree within each environment leave no spread, however far these are apart."""
     x = np.array([[1.0] * 5, [9.0] * 5])
