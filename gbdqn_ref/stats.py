@@ -121,6 +121,16 @@ def paired_difference(x, y, rng, **options):
     return (float(iqm(difference)), *bootstrap_interval(difference, rng, **options))
 
 
+def same_seeds(runs, others):
+    """The final returns of two agents' summaries, paired by seed: two arrays (seeds,).
+
+    Seeds that only one of them has are left out.
+    """
+    ours, theirs = ({run["seed"]: run["final_return"] for run in each} for each in (runs, others))
+    seeds = sorted(ours.keys() & theirs.keys())
+    return tuple(np.array([final[seed] for seed in seeds]) for final in (ours, theirs))
+
+
 def mean_std(x):
     """(mean, std) over runs, as the paper's tables seem to give them; the std with n − 1, None for
     one run.
