@@ -4,6 +4,7 @@ import difflib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from math import isfinite
 from reprlib import repr as short
 from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
@@ -13,7 +14,7 @@ import numpy as np
 from . import UsageError
 from .agents import AGENTS, OWN
 from .presets import PRESETS
-from .schedule import FACTORS, check_environment, regimes
+from .schedule import FACTORS, Regime, check_environment, regimes
 
 
 class Rule(NamedTuple):
@@ -69,7 +70,7 @@ class Config:
     """The settings of one run; the same config gives the same bytes on one machine.
 
     A setting that is None is the agent's own, and follows a change of agent; resolved() fills it
-    in. `regimes` has the schedule as a tuple of schedule.Regime, cut off at the run's end.
+    in.
 
     >>> config = Config(env="acrobot", agent="gbdqn")
     >>> config.replay, config.resolved().replay
@@ -159,10 +160,15 @@ class Config:
             if type(value) not in kinds or not rule.holds(value):
                 raise UsageError(f"{name} must be {rule.words}, not {short(value)}")
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "regimes", regimes(self.env, self.schedule, self.episodes))
+        _ = self.regimes  # refuses a broken schedule
 
     def __hash__(self) -> int:
         return hash(json.dumps(self.to_dict(), sort_keys=True))
+
+    @cached_property
+    def regimes(self) -> tuple[Regime, ...]:
+        """The schedule, resolved when the config is made and cut off at the run's end."""
+        return regimes(self.env, self.schedule, self.episodes)
 
     def resolved(self) -> Self:
         """The same config with the agent's own settings in place of None."""
@@ -204,7 +210,7 @@ class Config:
         return json.loads(json.dumps(asdict(self)))
 
 
-def preset_of(env: object, name: object = None) -> tuple[str, str]:
+def preset_of(env: Any, name: Any = None) -> tuple[str, str]:
     """(environment, preset) from an environment, perhaps with its preset as a suffix, and a preset.
 
     >>> preset_of("hopper-long"), preset_of("acrobot")

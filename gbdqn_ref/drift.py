@@ -1,6 +1,8 @@
 """Environments whose physics drift: a wrapper that applies a schedule between episodes."""
 
+from collections.abc import Callable
 from reprlib import repr as short
+from typing import Any
 
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
@@ -8,7 +10,9 @@ from gymnasium.utils import RecordConstructorArgs
 from . import UsageError, physics
 from .schedule import check_environment, is_count, regimes
 
-ENVIRONMENTS = {  # name: (Gymnasium's id, the setter of its physics)
+ENVIRONMENTS: dict[
+    str, tuple[str, Callable[..., None]]
+] = {  # name: (Gymnasium's id, the setter of its physics)
     "cartpole": ("CartPole-v1", physics.set_cartpole),
     "mountaincar": ("MountainCar-v0", physics.set_mountaincar),
     "acrobot": ("gbdqn_ref/Acrobot-v1", physics.set_acrobot),
@@ -60,7 +64,7 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         }
 
 
-def make(name: str, schedule: list | tuple | None = None, **kwargs) -> DriftWrapper:
+def make(name: str, schedule: list | tuple | None = None, **kwargs: Any) -> DriftWrapper:
     """The named environment with its time limit, drifting by the schedule; kwargs go to
     gymnasium.make.
 

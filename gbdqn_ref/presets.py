@@ -4,7 +4,9 @@ GIVEN has what the paper gives. All else is ours: what the paper leaves open (D1
 needs (D14), without which nothing would be learnt (D17), and drifts that cost something (D21).
 """
 
-GIVEN = {
+from typing import Any
+
+GIVEN: dict[str, dict[str, Any]] = {
     "acrobot": dict(
         episodes=600,
         gamma=0.99,
@@ -43,7 +45,7 @@ GIVEN = {
     ),
 }
 # In the schedules of `paper` the episodes and what drifts are the paper's, the factors are ours.
-ACROBOT = GIVEN["acrobot"] | dict(
+ACROBOT: dict[str, Any] = GIVEN["acrobot"] | dict(
     schedule=[
         {"episode": 150, "gravity": 1.5},
         {"episode": 250, "mass": 1.5},
@@ -51,7 +53,7 @@ ACROBOT = GIVEN["acrobot"] | dict(
         {"episode": 450, "reset": True},
     ],
 )
-MOUNTAINCAR = GIVEN["mountaincar"] | dict(
+MOUNTAINCAR: dict[str, Any] = GIVEN["mountaincar"] | dict(
     lr=4e-3,  # with Acrobot's settings nothing is learnt
     update_every=16,
     gradient_steps=8,
@@ -63,7 +65,7 @@ MOUNTAINCAR = GIVEN["mountaincar"] | dict(
         {"episode": 450, "reset": True},
     ],
 )
-CARTPOLE = GIVEN["cartpole"] | dict(
+CARTPOLE: dict[str, Any] = GIVEN["cartpole"] | dict(
     episodes=600,
     lr=2e-4,  # DQN learns CartPole and forgets it; small steps and a long memory help
     update_every=16,
@@ -82,7 +84,7 @@ CARTPOLE = GIVEN["cartpole"] | dict(
         {"episode": 525, "reset": True},
     ],
 )
-HOPPER = GIVEN["hopper"] | dict(
+HOPPER: dict[str, Any] = GIVEN["hopper"] | dict(
     mix=0.3,
     recency_rate=1e-4,  # a run ends with 14,000 transitions, of which recency then draws half
     schedule=[  # the paper's results leave out the friction
@@ -95,7 +97,7 @@ HOPPER = GIVEN["hopper"] | dict(
 PAPER = {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT, "hopper": HOPPER}
 
 # Fewer episodes, and drifts that come as soon as there is something to forget.
-FAST_CARTPOLE = dict(
+FAST_CARTPOLE: dict[str, Any] = dict(
     episodes=400,
     lr=1e-3,
     update_every=64,
@@ -105,16 +107,16 @@ FAST_CARTPOLE = dict(
     recency_rate=3e-5,
     schedule=[{"episode": 220, "gravity": 4.0}, {"episode": 320, "reset": True}],
 )
-FAST_MOUNTAINCAR = dict(
+FAST_MOUNTAINCAR: dict[str, Any] = dict(
     episodes=400,
     schedule=[{"episode": 250, "gravity": 1.3}, {"episode": 325, "reset": True}],
 )
-FAST_ACROBOT = dict(
+FAST_ACROBOT: dict[str, Any] = dict(
     episodes=250,
     epsilon_decay_steps=10_000,
     schedule=[{"episode": 120, "gravity": 1.5, "mass": 1.5}, {"episode": 190, "reset": True}],
 )
-FAST_HOPPER = dict(
+FAST_HOPPER: dict[str, Any] = dict(
     episodes=400,
     learning_starts=1_000,
     epsilon_decay_steps=5_000,
@@ -132,7 +134,7 @@ FAST = {
 }
 
 # The paper's Hopper ends before anything is learnt; this one is three times as long.
-LONG_HOPPER = dict(
+LONG_HOPPER: dict[str, Any] = dict(
     episodes=1_500,
     learning_starts=1_000,
     epsilon_decay_steps=10_000,
@@ -143,7 +145,7 @@ LONG_HOPPER = dict(
 LONG = {"hopper": HOPPER | LONG_HOPPER}
 
 # Drifts that a policy which stays put does not survive, and that can be learnt.
-HARD_ACROBOT = dict(
+HARD_ACROBOT: dict[str, Any] = dict(
     schedule=[  # a frozen policy loses 100 %, −40 % and 100 % of the span from random to trained
         {"episode": 150, "torque": -1.0},
         {"episode": 250, "torque": 0.5},
@@ -151,7 +153,7 @@ HARD_ACROBOT = dict(
         {"episode": 450, "reset": True},
     ],
 )
-HARD_MOUNTAINCAR = dict(
+HARD_MOUNTAINCAR: dict[str, Any] = dict(
     schedule=[  # here 100 %, 22 % and 100 % (seed 0)
         {"episode": 150, "force": -1.0},
         {"episode": 250, "gravity": 0.7},
@@ -161,7 +163,12 @@ HARD_MOUNTAINCAR = dict(
 )
 HARD = {"acrobot": ACROBOT | HARD_ACROBOT, "mountaincar": MOUNTAINCAR | HARD_MOUNTAINCAR}
 
-PRESETS = {"paper": PAPER, "fast": FAST, "long": LONG, "hard": HARD}
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {
+    "paper": PAPER,
+    "fast": FAST,
+    "long": LONG,
+    "hard": HARD,
+}
 DEVIATION = {"paper": "D13", "fast": "D14", "long": "D17", "hard": "D21"}
 
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import inf
 from numbers import Integral, Real
 from reprlib import repr as short
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from . import UsageError
 
@@ -80,7 +80,8 @@ def _regime(env: str, entry: dict) -> Regime:
             f'a schedule entry must be like {{"episode": 9, "gravity": 1.5}}, not {short(entry)}'
         )
     factors = {key: value for key, value in entry.items() if key not in ("episode", "reset")}
-    episode, reset = entry.get("episode"), entry.get("reset", False)
+    episode: Any = entry.get("episode")
+    reset = entry.get("reset", False)
     if not is_count(episode):
         raise UsageError(
             f"schedule entry {short(entry)} needs an 'episode', a whole number from 0 on"

@@ -18,7 +18,7 @@ THREADS = ThreadpoolController()  # of the libraries that NumPy has loaded by no
 def make_agent(config: Config) -> Any:
     """A new agent for the environment of the config; its generator is seeded by config.seed."""
     env = drift.make(config.env)
-    state_dim, n_actions = env.observation_space.shape[0], int(env.action_space.n)
+    state_dim, n_actions = env.observation_space.shape[0], int(env.action_space.n)  # type: ignore
     rng = np.random.default_rng(config.seed)
     return AGENTS[config.agent].make(state_dim, n_actions, config, rng)
 

@@ -2,13 +2,25 @@
 
 import copy
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
+from helpers import (
+    A,
+    D,
+    agent_of,
+    caught,
+    feed,
+    finite_differences,
+    replay_bytes,
+    state_bytes,
+    states,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, drift
+from gbdqn_ref import drift
 from gbdqn_ref.boosting import closed_form_alpha
 from gbdqn_ref.optim import Adam
 from gbdqn_ref.train import Config, episode_seed, evaluate, make_agent, run
@@ -22,37 +34,19 @@ READINGS = [
 readings = pytest.mark.parametrize(
     "reading", READINGS, ids=lambda reading: "-".join(map(str, reading.values()))
 )
-D, A = 4, 2  # CartPole's
-
-
-def agent_of(**values):
-    """A small agent that has seen nothing yet; its gradients are not clipped."""
-    small = dict(hidden=(8,), capacity=40, batch_size=16, lr=0.01, tau=0.1, max_grad_norm=1e9)
-    return make_agent(Config(**small | values))
-
-
-def feed(agent, n, seed=0, learn=1):
-    """n random transitions, each followed by so many updates."""
-    rng = np.random.default_rng(seed)
-    for _ in range(n):
-        s, s2 = rng.normal(size=(2, D)).astype(np.float32)
-        agent.observe(s, int(rng.integers(A)), float(rng.normal()), s2, bool(rng.random() < 0.2))
-        for _ in range(learn):
-            agent.learn()
+quick_agent = partial(  # in a few updates it learns much, and its gradients are not clipped
+    agent_of, capacity=40, batch_size=16, lr=0.01, tau=0.1, max_grad_norm=1e9
+)
 
 
 def boosted(seed=0, boosters=2, **values):
     """A GB-DQN with so many frozen boosters, and another that has learnt for a while."""
-    agent = agent_of(**values)
+    agent = quick_agent(**values)
     for k in range(boosters):
         feed(agent, 20, seed=10 * seed + k)
         agent.on_drift("drift")
     feed(agent, 20, seed=10 * seed + 9)
     return agent
-
-
-def states(n=30, seed=99):
-    return np.random.default_rng(seed).normal(size=(n, D)).astype(np.float32)
 
 
 def q_frozen(agent, x):
@@ -87,24 +81,6 @@ def targets(agent, r, s2, terminated):
 def next_batch(agent):
     """The batch that the next learn() will draw."""
     return agent.replay.sample(agent.config.batch_size, copy.deepcopy(agent.rng))
-
-
-def caught(monkeypatch, owner, name):
-    """The arguments of every call of owner.name from now on, copied; the call itself is made as
-    well.
-    """
-    calls, original = [], getattr(owner, name)
-
-    def spy(*args):
-        calls.append(copy.deepcopy(args))
-        return original(*args)
-
-    monkeypatch.setattr(owner, name, spy)
-    return calls
-
-
-def state_bytes(agent):
-    return {name: array.tobytes() for name, array in checkpoint.state(agent).items()}
 
 
 # --- the first learner ----------------------------------------------------------------------------
@@ -159,7 +135,7 @@ def test_in_a_run_every_drift_of_the_schedule_adds_a_booster():
 
 
 def test_dqn_does_nothing_about_a_drift():
-    agent = agent_of(agent="dqn")
+    agent = quick_agent(agent="dqn")
     feed(agent, 20)
     before = state_bytes(agent)
     for event in ("drift", "reset", "end"):
@@ -230,13 +206,9 @@ def test_a_new_booster_starts_anew(reading):
 
 def test_the_replay_is_kept_when_a_booster_is_added():
     agent = boosted(boosters=1)
-    before = {
-        name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")
-    }
+    before = replay_bytes(agent)
     agent.on_drift("drift")
-    assert {
-        name: value for name, value in state_bytes(agent).items() if name.startswith("replay.")
-    } == before
+    assert replay_bytes(agent) == before
 
 
 # --- cached predictions ---------------------------------------------------------------------------
@@ -256,7 +228,7 @@ def assert_cache_is_fresh(agent):
     "n", [7, 33, 95]
 )  # of a capacity of 40: not full, nearly full, twice around
 def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
-    agent = agent_of(**reading)
+    agent = quick_agent(**reading)
     for stage in range(4):
         feed(agent, n, seed=stage)
         assert_cache_is_fresh(agent)
@@ -271,7 +243,7 @@ def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
     st.booleans(),
 )
 def test_the_cache_stays_fresh_whatever_happens(events, live):
-    agent = agent_of(capacity=30, hidden=(4,), target="live" if live else "frozen")
+    agent = quick_agent(capacity=30, hidden=(4,), target="live" if live else "frozen")
     for i, event in enumerate(events):
         if isinstance(event, int):
             feed(agent, event, seed=i)
@@ -281,14 +253,14 @@ def test_the_cache_stays_fresh_whatever_happens(events, live):
 
 
 def test_a_large_buffer_is_folded_in_whole():
-    agent = agent_of(capacity=3000)
+    agent = quick_agent(capacity=3000)
     feed(agent, 2600, learn=0)  # the pass is made in pieces of 1024 rows
     agent.on_drift("drift")
     assert_cache_is_fresh(agent)
 
 
 def test_the_memo_of_the_last_state_does_not_outlive_a_drift():
-    agent = agent_of()
+    agent = quick_agent()
     feed(agent, 20)
     s = states(1)[0]
     agent.q(s)
@@ -319,7 +291,7 @@ def test_an_answer_may_be_written_over_by_its_receiver(target):
 @pytest.mark.parametrize("target", ["live", "frozen"])
 @pytest.mark.parametrize("n", [20, 60])  # the buffer holds 40
 def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
-    agent = agent_of(
+    agent = quick_agent(
         alpha="closed-form",
         target=target,
         replay=replay,
@@ -350,7 +322,7 @@ def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
 
 
 def test_the_first_learner_has_weight_1_under_the_closed_form_too():
-    agent = agent_of(alpha="closed-form")
+    agent = quick_agent(alpha="closed-form")
     feed(agent, 20)
     agent.on_drift("drift")
     assert agent.ensemble.alpha.tolist() == [1.0]
@@ -367,15 +339,6 @@ def test_a_booster_that_has_learnt_nothing_gets_weight_0():
 # --- the loss -------------------------------------------------------------------------------------
 
 
-def numerical_gradient(f, theta, eps=1e-6):
-    gradient = np.empty_like(theta)
-    for i in range(len(theta)):
-        step = np.zeros_like(theta)
-        step[i] = eps
-        gradient[i] = (f(theta + step) - f(theta - step)) / (2 * eps)
-    return gradient
-
-
 @pytest.mark.parametrize("boosters", [0, 1, 2])
 @readings
 def test_an_update_follows_the_gradient_of_the_loss(monkeypatch, reading, boosters):
@@ -390,7 +353,7 @@ def test_an_update_follows_the_gradient_of_the_loss(monkeypatch, reading, booste
         h = agent.net.forward(theta, batch.s)[0][taken]
         return np.mean(0.5 * batch.weight * (residual - factor * h) ** 2)
 
-    expected = numerical_gradient(loss, agent.theta.astype(np.float64))
+    expected = finite_differences(loss, agent.theta.astype(np.float64), step=1e-6)
     calls = caught(monkeypatch, Adam, "step")
     agent.learn()
     ((_, _, gradient),) = calls
@@ -399,7 +362,7 @@ def test_an_update_follows_the_gradient_of_the_loss(monkeypatch, reading, booste
 
 
 def test_dqn_follows_the_gradient_of_its_loss(monkeypatch):
-    agent = agent_of(agent="dqn")
+    agent = quick_agent(agent="dqn")
     feed(agent, 30)
     batch, gamma = next_batch(agent), agent.config.gamma
     taken = np.arange(len(batch.a)), batch.a
@@ -412,7 +375,7 @@ def test_dqn_follows_the_gradient_of_its_loss(monkeypatch):
     def loss(theta):
         return np.mean(0.5 * batch.weight * (y - agent.net.forward(theta, batch.s)[0][taken]) ** 2)
 
-    expected = numerical_gradient(loss, agent.theta.astype(np.float64))
+    expected = finite_differences(loss, agent.theta.astype(np.float64), step=1e-6)
     error = y - agent.net.forward(agent.theta.astype(np.float64), batch.s)[0][taken]
     calls, noted = (
         caught(monkeypatch, Adam, "step"),
@@ -428,7 +391,7 @@ def test_dqn_follows_the_gradient_of_its_loss(monkeypatch):
 def test_a_long_gradient_is_clipped_and_a_short_one_is_not(monkeypatch, agent):
     calls, norms = caught(monkeypatch, Adam, "step"), []
     for limit in (1e9, 1e-3):
-        learner = agent_of(agent=agent, max_grad_norm=limit)
+        learner = quick_agent(agent=agent, max_grad_norm=limit)
         feed(learner, 20, learn=0)
         learner.learn()
         norms.append(np.linalg.norm(calls[-1][2]))
@@ -438,7 +401,7 @@ def test_a_long_gradient_is_clipped_and_a_short_one_is_not(monkeypatch, agent):
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
 def test_the_target_network_glides_after_the_network_at_each_update(agent):
-    learner = agent_of(agent=agent, tau=0.25)
+    learner = quick_agent(agent=agent, tau=0.25)
     feed(learner, 20)
     before = learner.theta_target.copy()
     learner.learn()
@@ -533,7 +496,7 @@ def test_a_run_ends_with_the_last_booster_folded_in():
     "values", [dict(agent="dqn"), *READINGS[:1], *READINGS[-1:], dict(behaviour="softmax")]
 )
 def test_the_greedy_action_is_the_best_and_uses_no_random_number(values):
-    agent = agent_of(**values)
+    agent = quick_agent(**values)
     feed(agent, 20)
     before = state_bytes(agent)
     assert [agent.act(s, greedy=True) for s in states()] == agent.q(states()).argmax(-1).tolist()
@@ -542,7 +505,7 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(values):
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
 def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
-    learner = agent_of(agent=agent, behaviour="softmax", temperature=0.5)
+    learner = quick_agent(agent=agent, behaviour="softmax", temperature=0.5)
     feed(learner, 20)
     s = states(1)[0]
     p = np.exp(learner.q(s).astype(np.float64) / 0.5)
@@ -563,7 +526,7 @@ def test_a_run_with_the_softmax_policy_is_a_run():
     ("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)]
 )  # of the action that is not the best
 def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
-    agent = agent_of(agent="dqn", epsilon_start=1.0, epsilon_end=0.2, epsilon_decay_steps=100)
+    agent = quick_agent(agent="dqn", epsilon_start=1.0, epsilon_end=0.2, epsilon_decay_steps=100)
     agent.steps, s = steps, states(1)[0]
     best = agent.act(s, greedy=True)
     assert np.mean([agent.act(s) != best for _ in range(4000)]) == pytest.approx(share, abs=0.03)

@@ -6,6 +6,19 @@ import copy
 
 import numpy as np
 import pytest
+from helpers import (
+    SMALL,
+    A,
+    D,
+    agent_of,
+    caught,
+    drifts_at,
+    feed,
+    flags,
+    replay_bytes,
+    state_bytes,
+    states,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,64 +30,15 @@ from gbdqn_ref.optim import Adam
 from gbdqn_ref.replay import ProportionalReplay, RecencyReplay
 from gbdqn_ref.train import AGENTS, Config, make_agent, run
 
-SCHEDULE = [
-    {"episode": 4, "length": 2.0},
-    {"episode": 7, "gravity": 2.0},
-    {"episode": 10, "reset": True},
-]
-SMALL = dict(
-    episodes=12,
-    hidden=(6,),
-    capacity=90,
-    window=30,
-    batch_size=8,
-    learning_starts=20,
-    schedule=SCHEDULE,
-)
-D, A = 4, 2  # CartPole's
+DRIFTING = SMALL | dict(schedule=drifts_at(4, 7, 10))
 every_agent = pytest.mark.parametrize("agent", AGENTS)
 drifts = pytest.mark.parametrize("event", ["drift", "reset"])
-
-
-def agent_of(agent, **values):
-    return make_agent(Config(agent=agent, **SMALL | values))
-
-
-def feed(agent, n, seed=0, learn=1):
-    """n random transitions, each followed by so many updates; their TD errors."""
-    rng, deltas = np.random.default_rng(seed), []
-    for _ in range(n):
-        s, s2 = rng.normal(size=(2, D)).astype(np.float32)
-        agent.observe(s, int(rng.integers(A)), float(rng.normal()), s2, bool(rng.random() < 0.2))
-        deltas += [agent.learn() for _ in range(learn)]
-    return np.array(deltas)
-
-
-def states(n=30):
-    return np.random.default_rng(99).normal(size=(n, D)).astype(np.float32)
-
-
-def state_bytes(agent, prefix=""):
-    return {
-        name: array.tobytes()
-        for name, array in checkpoint.state(agent).items()
-        if name.startswith(prefix)
-    }
 
 
 def trained(config):
     """A run's records as text, and its agent at the end."""
     agent = make_agent(config)
     return [repr(record) for record in run(config, agent)], agent
-
-
-def gradients(monkeypatch):
-    """What Adam is given from now on."""
-    calls, step = [], Adam.step
-    monkeypatch.setattr(
-        Adam, "step", lambda adam, theta, grad: (calls.append(grad), step(adam, theta, grad))
-    )
-    return calls
 
 
 # --- all of them ----------------------------------------------------------------------------------
@@ -94,15 +58,15 @@ def test_every_agent_can_be_chosen_and_drawn():
 
 @every_agent
 def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
-    (records, one), (again, other) = (trained(Config(agent=agent, **SMALL)) for _ in range(2))
+    (records, one), (again, other) = (trained(Config(agent=agent, **DRIFTING)) for _ in range(2))
     assert records == again and state_bytes(one) == state_bytes(other)
-    assert records != trained(Config(agent=agent, seed=1, **SMALL))[0]
+    assert records != trained(Config(agent=agent, seed=1, **DRIFTING))[0]
 
 
 @every_agent
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
 def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, bootstrap):
-    config = Config(agent=agent, bootstrap=bootstrap, **SMALL)
+    config = Config(agent=agent, bootstrap=bootstrap, **DRIFTING)
     original, records = make_agent(config), []
     for record in run(config, original):
         records.append(repr(record))
@@ -123,7 +87,7 @@ def test_a_run_that_is_killed_and_resumed_ends_with_the_same_bytes(tmp_path, mon
             if record["episode"] == 8:
                 raise KeyboardInterrupt
 
-    config = Config(agent=agent, bootstrap=0.5, **SMALL)
+    config = Config(agent=agent, bootstrap=0.5, **DRIFTING)
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", -1)  # a checkpoint at every episode
     monkeypatch.setattr(runs.plots, "learning_curves", lambda *_: None)
     runs.train(config, tmp_path / "whole", quiet=True)
@@ -155,24 +119,18 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
 )
 def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, replay):
     (records, one), (same, other) = (
-        trained(Config(**values, **SMALL))
+        trained(Config(**values, **DRIFTING))
         for values in (dict(agent=control), dict(agent=agent, replay=replay))
     )
     assert records == same and state_bytes(one) == state_bytes(other)
     assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(
         replay, ProportionalReplay
     )
-    assert records != trained(Config(agent=agent, **SMALL))[0]
+    assert records != trained(Config(agent=agent, **DRIFTING))[0]
 
 
 def test_all_of_them_can_be_compared(tmp_path, capsys):
-    values = [
-        "episodes=4",
-        "learning_starts=20",
-        "hidden=[4]",
-        'schedule=[{"episode": 2, "length": 2}]',
-    ]
-    settings = [part for value in values for part in ("--set", value)]
+    settings = flags(**SMALL | dict(episodes=4, schedule=[{"episode": 2, "length": 2}]))
     command = [
         "compare",
         "--agents",
@@ -199,7 +157,7 @@ def test_all_of_them_can_be_compared(tmp_path, capsys):
 @pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
 def test_an_ensemble_of_one_is_dqn(replay):
     (records, one), (same, dqn) = (
-        trained(Config(agent=agent, members=1, replay=replay, **SMALL))
+        trained(Config(agent=agent, members=1, replay=replay, **DRIFTING))
         for agent in ("ensemble", "dqn")
     )
     assert records == same and one.steps > 100
@@ -253,12 +211,12 @@ def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
             dq[i, a] = agent.seen[batch.index[i], k] * batch.weight[i] * (q_k[i, a] - y[i]) / 8
         grad = agent.net.backward(before[k], cache, dq)
         expected.append(grad * min(1, 0.05 / np.linalg.norm(grad)))
-    calls, noted = gradients(monkeypatch), []
+    calls, noted = caught(monkeypatch, Adam, "step"), []
     monkeypatch.setattr(
         agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta))
     )
     delta = agent.learn()
-    np.testing.assert_allclose(calls[0], expected, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(calls[0][2], expected, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(delta, y - q.mean(0), rtol=1e-3, atol=1e-5)
     assert (
         delta.shape == (8,)
@@ -305,9 +263,9 @@ def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
 def test_a_reset_starts_anew_and_keeps_the_replay(event):
     agent = agent_of("reset")
     feed(agent, 60)
-    theta, replay, epsilon = agent.theta.copy(), state_bytes(agent, "replay."), agent.epsilon
+    theta, replay, epsilon = agent.theta.copy(), replay_bytes(agent), agent.epsilon
     agent.on_drift(event)
-    assert state_bytes(agent, "replay.") == replay and agent.epsilon == epsilon
+    assert replay_bytes(agent) == replay and agent.epsilon == epsilon
     assert (
         not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2
     )  # U(±1/√4) at the most
@@ -328,7 +286,7 @@ def test_a_reset_does_nothing_at_the_end():
 
 
 def test_in_a_run_a_reset_begins_with_each_regime():
-    config, updates = Config(agent="reset", **SMALL), []
+    config, updates = Config(agent="reset", **DRIFTING), []
     agent = make_agent(config)
     for _ in run(config, agent):
         updates.append(agent.adam.t)
@@ -336,8 +294,8 @@ def test_in_a_run_a_reset_begins_with_each_regime():
 
 
 def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_ever_after():
-    config, thetas = Config(agent="frozen", **SMALL), []
-    agent, dqn = make_agent(config), make_agent(Config(agent="dqn", **SMALL))
+    config, thetas = Config(agent="frozen", **DRIFTING), []
+    agent, dqn = make_agent(config), make_agent(Config(agent="dqn", **DRIFTING))
     other = run(dqn.config, dqn)
     for record in run(config, agent):
         thetas.append(agent.theta.tobytes())
@@ -383,13 +341,13 @@ def test_a_sliding_window_holds_the_last_transitions_and_no_more(window, capacit
 
 def test_a_sliding_window_as_wide_as_the_replay_is_dqn():
     (records, _), (same, _) = (
-        trained(Config(agent=a, **SMALL | dict(window=90))) for a in ("sliding", "dqn")
+        trained(Config(agent=a, **DRIFTING | dict(window=90))) for a in ("sliding", "dqn")
     )
-    assert records == same != trained(Config(agent="sliding", **SMALL))[0]
+    assert records == same != trained(Config(agent="sliding", **DRIFTING))[0]
 
 
 def test_the_random_policy_is_even_and_learns_nothing():
-    config = Config(agent="random", **SMALL)
+    config = Config(agent="random", **DRIFTING)
     agent = make_agent(config)
     records = list(run(config, agent))
     assert {record["epsilon"] for record in records} == {1.0}

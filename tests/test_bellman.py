@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import finite_differences
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import matrices, positives, reals, rngs, sizes, vectors
@@ -52,15 +53,7 @@ def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
     def loss(q):
         return weighted_loss(y - q[np.arange(B), a], weight)
 
-    expected, step = (
-        np.empty((B, A)),
-        1e-4,
-    )  # the loss is quadratic: any step is exact but for rounding
-    for i in np.ndindex(B, A):
-        up, down = q.copy(), q.copy()
-        up[i] += step
-        down[i] -= step
-        expected[i] = (loss(up) - loss(down)) / (2 * step)
+    expected = finite_differences(loss, q, step=1e-4)  # quadratic: any step is exact
     grad = loss_gradient(y - q[np.arange(B), a], weight, a, A)
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-10)
 

@@ -8,42 +8,29 @@ import zipfile
 
 import numpy as np
 import pytest
+from helpers import SMALL, Crash, drifts_at, exact_state
 
 from gbdqn_ref import UsageError, checkpoint
 from gbdqn_ref.train import Config, make_agent, run
 
-SCHEDULE = [
-    {"episode": 3, "length": 2.0},
-    {"episode": 5, "gravity": 2.0},
-    {"episode": 8, "reset": True},
-]
-SMALL = dict(
-    episodes=10, hidden=(5,), capacity=80, batch_size=8, learning_starts=20, schedule=SCHEDULE
-)
+DRIFTING = SMALL | dict(episodes=10, schedule=drifts_at(3, 5, 8))
 CONFIGS = [
-    Config(agent="dqn", **SMALL),
-    Config(agent="dqn", replay="uniform", behaviour="softmax", **SMALL),
-    Config(agent="gbdqn", **SMALL),
+    Config(agent="dqn", **DRIFTING),
+    Config(agent="dqn", replay="uniform", behaviour="softmax", **DRIFTING),
+    Config(agent="gbdqn", **DRIFTING),
     Config(
         agent="gbdqn",
         target="frozen",
         alpha="closed-form",
         loss_on="h",
         replay="proportional",
-        **SMALL,
+        **DRIFTING,
     ),
-    Config(agent="gbdqn", alpha=1, **SMALL),  # a whole number, which once frozen is a float
+    Config(agent="gbdqn", alpha=1, **DRIFTING),  # a whole number, which once frozen is a float
 ]
 every_config = pytest.mark.parametrize(
     "config", CONFIGS, ids=lambda c: f"{c.agent}-{c.replay}-{c.target}-{c.alpha}"
 )
-
-
-def state_bytes(agent):
-    return {
-        name: (array.dtype, array.shape, array.tobytes())
-        for name, array in checkpoint.state(agent).items()
-    }
 
 
 @pytest.fixture
@@ -57,16 +44,16 @@ def saved(tmp_path):
     return tmp_path / "checkpoint.npz", agent
 
 
-def refused(path, config=CONFIGS[2], match="."):
+def assert_not_loaded(path, config=CONFIGS[2], match="."):
     """Loading raises a UsageError in one line that names the file, and leaves the agent as it
     was.
     """
     agent = make_agent(config)
-    before = state_bytes(agent)
+    before = exact_state(agent)
     with pytest.raises(UsageError, match=match) as caught:
         checkpoint.load(path, agent)
     assert "\n" not in str(caught.value) and str(path) in str(caught.value)
-    assert state_bytes(agent) == before
+    assert exact_state(agent) == before
 
 
 @every_config
@@ -83,13 +70,13 @@ def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, conf
             9,
         ):  # before learning, before, at and after drifts, at the end
             checkpoint.save(tmp_path / str(len(records)), original, len(records))
-            states[len(records)] = state_bytes(original)
+            states[len(records)] = exact_state(original)
     for episodes, state in states.items():
         again = make_agent(config)
         assert checkpoint.load(tmp_path / str(episodes), again) == episodes
-        assert state_bytes(again) == state
+        assert exact_state(again) == state
         assert [repr(record) for record in run(config, again, episodes)] == records[episodes:]
-        assert state_bytes(again) == state_bytes(original)
+        assert exact_state(again) == exact_state(original)
 
 
 @every_config
@@ -136,11 +123,11 @@ def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
 
 def test_a_loaded_agent_shares_nothing_with_another(saved):
     path, original = saved
-    before = state_bytes(original)
+    before = exact_state(original)
     again = make_agent(CONFIGS[2])
     checkpoint.load(path, again)
     list(run(CONFIGS[2], again, 6))
-    assert state_bytes(original) == before
+    assert exact_state(original) == before
 
 
 def test_no_pickle_is_ever_read_or_written(saved):
@@ -166,7 +153,7 @@ def test_a_truncated_file_is_refused(saved, kept):
     path, _ = saved
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * kept)])
-    refused(path, match="damaged")
+    assert_not_loaded(path, match="damaged")
 
 
 @pytest.mark.parametrize(
@@ -174,13 +161,13 @@ def test_a_truncated_file_is_refused(saved, kept):
 )
 def test_a_file_that_is_something_else_is_refused(saved, content):
     saved[0].write_bytes(content)
-    refused(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or foreign")
 
 
 def test_a_single_array_is_refused(saved):
     with open(saved[0], "wb") as file:
         np.save(file, np.zeros(3))
-    refused(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or foreign")
 
 
 @pytest.mark.parametrize(
@@ -197,7 +184,7 @@ def test_a_single_array_is_refused(saved):
 )
 def test_arrays_of_something_else_are_refused(saved, arrays):
     np.savez(saved[0], **arrays)
-    refused(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or foreign")
 
 
 def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
@@ -205,9 +192,9 @@ def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
     header = json.dumps({"format": 1, "episodes": 6, "config": agent.config.to_dict()})
     bomb = np.array([Bomb(path.parent / "exploded")], object)
     np.savez(path, header=np.array(header), **checkpoint.state(agent) | {"theta": bomb})
-    refused(path)
+    assert_not_loaded(path)
     path.write_bytes(bomb.dumps())
-    refused(path)
+    assert_not_loaded(path)
     assert not (path.parent / "exploded").exists()  # catches allow_pickle=True
 
 
@@ -232,14 +219,16 @@ def test_rewriting_alone_does_no_harm(saved):
 
 def test_another_format_is_refused(saved):
     rewritten(saved[0], {"format": 99})
-    refused(saved[0], match="99")
+    assert_not_loaded(saved[0], match="99")
 
 
 @pytest.mark.parametrize(
     "other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr
 )
 def test_the_checkpoint_of_another_run_is_refused(saved, other):
-    refused(saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings")
+    assert_not_loaded(
+        saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings"
+    )
 
 
 @pytest.mark.parametrize(
@@ -257,7 +246,7 @@ def test_the_checkpoint_of_another_run_is_refused(saved, other):
 )
 def test_arrays_that_do_not_fit_are_refused(saved, drop, arrays):
     rewritten(saved[0], None, drop, **arrays)
-    refused(saved[0], match="does not fit")
+    assert_not_loaded(saved[0], match="does not fit")
 
 
 def spots(data):
@@ -278,8 +267,8 @@ def test_a_flipped_bit_is_refused_or_harmless(saved):
     path, original = saved
     data, expected, fresh, wrong = (
         path.read_bytes(),
-        state_bytes(original),
-        state_bytes(make_agent(CONFIGS[2])),
+        exact_state(original),
+        exact_state(make_agent(CONFIGS[2])),
         [],
     )
     agent, refusals = make_agent(CONFIGS[2]), 0
@@ -291,12 +280,12 @@ def test_a_flipped_bit_is_refused_or_harmless(saved):
             checkpoint.load(path, agent)
         except UsageError as e:
             refusals += 1
-            if "\n" in str(e) or state_bytes(agent) != fresh:
+            if "\n" in str(e) or exact_state(agent) != fresh:
                 wrong.append((byte, bit, "half restored"))
         except Exception as e:
             wrong.append((byte, bit, repr(e)))
         else:
-            if state_bytes(agent) != expected:
+            if exact_state(agent) != expected:
                 wrong.append((byte, bit, "not the same agent"))
             agent = make_agent(CONFIGS[2])
     assert refusals > 150 and not wrong, wrong[:5]
@@ -319,10 +308,6 @@ def test_a_damaged_file_is_closed_again(saved):
 # --- writing --------------------------------------------------------------------------------------
 
 
-class CrashError(Exception):
-    pass
-
-
 def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
     path = tmp_path / "file"
     checkpoint.write_atomically(path, lambda file: file.write(b"old"))
@@ -331,9 +316,9 @@ def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
         file.write(b"new, but only h")
         file.flush()
         assert path.read_bytes() == b"old"
-        raise CrashError
+        raise Crash
 
-    with pytest.raises(CrashError):
+    with pytest.raises(Crash):
         checkpoint.write_atomically(path, half)
     assert path.read_bytes() == b"old"
     checkpoint.write_atomically(path, lambda file: file.write(b"new"))
@@ -343,9 +328,9 @@ def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
 def test_a_failure_while_writing_a_new_file_leaves_none(tmp_path):
     def half(file):
         file.write(b"x")
-        raise CrashError
+        raise Crash
 
-    with pytest.raises(CrashError):
+    with pytest.raises(Crash):
         checkpoint.write_atomically(tmp_path / "file", half)
     assert not (tmp_path / "file").exists()
 
@@ -357,10 +342,10 @@ def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monk
     list(run(CONFIGS[2], agent, 6))
 
     def stop(*_):
-        raise CrashError
+        raise Crash
 
     monkeypatch.setattr(checkpoint.os, call, stop)
-    with pytest.raises(CrashError):
+    with pytest.raises(Crash):
         checkpoint.save(path, agent, 10)
     monkeypatch.undo()
     assert path.read_bytes() == old and checkpoint.load(path, make_agent(CONFIGS[2])) == 6

@@ -4,17 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import SMALL, drifts_at, flags, refused
 
 from gbdqn_ref import effect
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
-SMALL = dict(episodes=3, learning_starts=10, hidden=[4], capacity=100)
-SCHEDULE = [
-    {"episode": 1, "length": 2},
-    {"episode": 2, "gravity": 2, "length": 2},
-    {"episode": 3, "reset": True},
-]
+DRIFTING = SMALL | dict(episodes=3, learning_starts=10, schedule=drifts_at(1, 2, 3))
 
 
 def policy(returns):
@@ -53,7 +49,7 @@ def test_two_standard_errors_decide_whether_a_regime_was_learnt(monkeypatch):
 
 
 def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path, monkeypatch):
-    config, seen = Config.preset("cartpole", agent="dqn", **SMALL, schedule=SCHEDULE), []
+    config, seen = Config.preset("cartpole", agent="dqn", **DRIFTING), []
     levels = effect._levels
 
     def looked_at(env, policies, episodes):
@@ -92,18 +88,8 @@ def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):
 
 
 def test_a_run_of_other_settings_in_the_folder_is_refused(tmp_path, capsys):
-    arguments = [
-        "drift-effect",
-        "--env",
-        "cartpole",
-        "--out",
-        str(tmp_path),
-        "--quiet",
-        "--set",
-        "schedule=[]",
-    ]
-    small = [part for key, value in SMALL.items() for part in ("--set", f"{key}={value}")]
-    assert main([*arguments, *small]) == 0
-    assert main([*arguments, *small, "--set", "gamma=0.5"]) == 2
-    printed = capsys.readouterr()
-    assert "has other settings" in printed.err and len(printed.err.splitlines()) == 1
+    arguments = ["drift-effect", "--env", "cartpole", "--out", str(tmp_path), "--quiet"]
+    arguments += flags(**DRIFTING | dict(schedule=[]))
+    assert main(arguments) == 0
+    capsys.readouterr()
+    refused(capsys, tmp_path, [*arguments, "--set", "gamma=0.5"], "has other settings")

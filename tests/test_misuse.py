@@ -5,49 +5,17 @@ nothing changes.
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import SMALL, cli, command, contents, environ, flags, refused
 
 from gbdqn_ref import runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
-SMALL = [
-    "--set",
-    "episodes=6",
-    "--set",
-    "hidden=[4]",
-    "--set",
-    "learning_starts=30",
-    "--set",
-    "capacity=50",
-]
-
-
-def contents(folder):
-    return {
-        str(path.relative_to(folder)): path.is_file() and path.read_bytes()
-        for path in folder.rglob("*")
-    }
-
-
-def refused(capsys, folder, arguments, keyword):
-    """The command is answered with exit status 2 and one line with the keyword; no file changes,
-    appears or goes.
-    """
-    before = contents(folder)
-    status, (stdout, stderr) = main(arguments), capsys.readouterr()
-    assert status == 2
-    assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, (
-        stderr
-    )
-    assert "Traceback" not in stderr and len(stderr) < 800
-    assert any(word in stderr for word in keyword.split("|")), stderr
-    assert stdout == ""
-    assert contents(folder) == before
+SMALL_RUN = flags(**SMALL | dict(episodes=6))
 
 
 def settings(*pairs):
@@ -55,7 +23,7 @@ def settings(*pairs):
 
 
 def schedule(*entries):
-    return settings(f"schedule={json.dumps(entries)}")
+    return flags(schedule=entries)
 
 
 COMMANDS = {
@@ -164,7 +132,7 @@ def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path, capsys, command, p
     refused(
         capsys,
         tmp_path,
-        [command, "--out", str(tmp_path / place), *SMALL],
+        [command, "--out", str(tmp_path / place), *SMALL_RUN],
         "ot a folder|ot a directory",
     )
 
@@ -172,13 +140,13 @@ def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path, capsys, command, p
 def test_a_folder_that_is_not_empty_is_refused(tmp_path, capsys):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("mine")
-    refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "full"), *SMALL], "not empty")
+    refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "full"), *SMALL_RUN], "not empty")
 
 
 def test_a_folder_of_something_else_is_refused_by_compare(tmp_path, capsys):
     (tmp_path / "both" / "gbdqn").mkdir(parents=True)
     (tmp_path / "both" / "gbdqn" / "thesis.txt").write_text("mine")
-    refused(capsys, tmp_path, ["compare", "--out", str(tmp_path / "both"), *SMALL], "not empty")
+    refused(capsys, tmp_path, ["compare", "--out", str(tmp_path / "both"), *SMALL_RUN], "not empty")
 
 
 @pytest.mark.parametrize("place", ["nowhere", "empty", "file", "two\nlines"])
@@ -197,7 +165,7 @@ def test_there_is_nothing_to_resume_where_there_is_no_run(tmp_path, capsys, plac
 def complete(tmp_path_factory):
     """A small run, complete."""
     folder = tmp_path_factory.mktemp("complete")
-    assert main(["train", "--agent", "dqn", "--out", str(folder), "--quiet", *SMALL]) == 0
+    assert main(["train", "--agent", "dqn", "--out", str(folder), "--quiet", *SMALL_RUN]) == 0
     return folder
 
 
@@ -313,7 +281,15 @@ def test_a_damaged_summary_is_refused(complete, tmp_path, capsys, content):
 def test_compare_refuses_a_damaged_run(complete, tmp_path, capsys):
     folder = Path(shutil.copytree(complete, tmp_path / "both" / "dqn"))
     (folder / "episodes.csv").write_text("nothing of the kind\n")
-    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), "--quiet", *SMALL]
+    arguments = [
+        "compare",
+        "--agents",
+        "dqn",
+        "--out",
+        str(tmp_path / "both"),
+        "--quiet",
+        *SMALL_RUN,
+    ]
     refused(capsys, tmp_path, arguments, "episodes.csv is damaged")
 
 
@@ -325,7 +301,7 @@ def test_compare_refuses_runs_with_other_settings(complete, tmp_path, capsys):
         "dqn",
         "--out",
         str(tmp_path / "both"),
-        *SMALL,
+        *SMALL_RUN,
         "--set",
         "lr=0.5",
     ]
@@ -347,11 +323,14 @@ sys.exit(__main__.main())
 
 
 @pytest.mark.skipif(runs.fcntl is None, reason="no flock on this system")
-def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(Path(runs.__file__).parents[1]))
-    command = [sys.executable, "-c", BUSY, "train", "--resume", "--out", str(run)]
+def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys):
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command("train", "--resume", "--out", run, start=["-c", BUSY]),
+        env=environ(),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     ) as other:
         assert other.stdout.readline() == "training\n"
         resume(run, capsys, "in use by another process")
@@ -374,9 +353,5 @@ def test_a_process_ends_with_the_same_line_and_status(tmp_path, capsys, argument
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     expected = capsys.readouterr().err
-    monkeypatch.setenv("PYTHONPATH", str(Path(runs.__file__).parents[1]))
-    result = subprocess.run(
-        [sys.executable, "-m", "gbdqn_ref", *arguments], capture_output=True, encoding="utf-8"
-    )
-    assert (result.returncode, result.stdout, result.stderr) == (2, "", expected)
+    assert cli(*arguments) == (2, "", expected)
     assert contents(tmp_path) == {}

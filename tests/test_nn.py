@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import finite_differences
 from hypothesis import assume, given
 from strategies import nets, rngs, sizes
 
@@ -29,19 +30,6 @@ def loops(net, theta, x):
         ),
         kink,
     )
-
-
-def finite_differences(f, theta, step=1e-5):
-    """∂f/∂θ, central. Between two kinks the network is linear in each single parameter, so only
-    rounding is left.
-    """
-    grad = np.empty_like(theta)
-    for i in np.ndindex(theta.shape):
-        up, down = theta.copy(), theta.copy()
-        up[i] += step
-        down[i] -= step
-        grad[i] = (f(up) - f(down)) / (2 * step)
-    return grad
 
 
 def test_a_block_is_the_weights_and_below_them_the_bias():
@@ -101,7 +89,12 @@ def test_backward_is_the_finite_differences(hidden, rng, k, B):
     dq = rng.normal(size=(k, B, 2))
     assume(min(loops(net, member, row)[1] for member in theta for row in x) > 1e-3)
     grad = net.backward(theta, net.forward(theta, x)[1], dq)
-    expected = finite_differences(lambda theta: (dq * net.forward(theta, x)[0]).sum(), theta)
+
+    def f(theta):
+        return (dq * net.forward(theta, x)[0]).sum()
+
+    # between two kinks f is linear in each single parameter, so only rounding is left
+    expected = finite_differences(f, theta, step=1e-5)
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-8)
 
 

@@ -7,30 +7,22 @@ import os
 import random
 import shutil
 import subprocess
-import sys
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import SMALL, Crash, cli, command, contents, drifts_at, environ, flags, refused
 
-import gbdqn_ref
 from gbdqn_ref import UsageError, __main__, checkpoint, drift, runs, train
 from gbdqn_ref.config import Config
 
 FILES = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
-SCHEDULE = [
-    {"episode": 8, "length": 2},
-    {"episode": 15, "gravity": 2, "length": 2},
-    {"episode": 22, "reset": True},
-]
-SMALL = dict(episodes=30, learning_starts=50, hidden=[16], capacity=400, schedule=SCHEDULE)
-SETTINGS = [
-    part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")
-]
-RARELY = ["-m", "gbdqn_ref"]
-ALWAYS = [
+DRIFTING = SMALL | dict(  # slow enough to be killed on the way
+    episodes=30, capacity=400, batch_size=64, schedule=drifts_at(8, 15, 22)
+)
+SETTINGS = flags(**DRIFTING)
+ALWAYS = [  # a checkpoint at every episode
     "-c",
     (
         "import sys; from gbdqn_ref import runs, __main__ as m; runs.CHECKPOINT_SECONDS = -1;"
@@ -40,37 +32,8 @@ ALWAYS = [
 both = pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
 
 
-def command(*arguments, start=RARELY):
-    return [sys.executable, "-W", "error", *start, *map(str, arguments)]
-
-
-def environ(**variables):
-    return os.environ | {"PYTHONPATH": str(Path(gbdqn_ref.__file__).parents[1]), **variables}
-
-
-def cli(*arguments, cwd=None, **variables):
-    """python -m gbdqn_ref … in a process of its own: (exit status, stdout, stderr)."""
-    result = subprocess.run(
-        command(*arguments),
-        cwd=cwd,
-        env=environ(PYTHONIOENCODING="utf-8", **variables),
-        capture_output=True,
-        encoding="utf-8",
-        timeout=60,
-    )
-    return result.returncode, result.stdout, result.stderr
-
-
 def config_of(agent, seed=0):
-    return Config.preset("cartpole", agent=agent, seed=seed, **SMALL)
-
-
-def contents(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+    return Config.preset("cartpole", agent=agent, seed=seed, **DRIFTING)
 
 
 def restore(files, folder):
@@ -86,10 +49,6 @@ def undisturbed(tmp_path_factory):
     for agent, folder in folders.items():
         runs.train(config_of(agent), folder, quiet=True)
     return {agent: contents(folder) for agent, folder in folders.items()}
-
-
-class Crash(BaseException):
-    """Not an Exception, so that nothing can take it for an error and go on."""
 
 
 # --- the same bytes -------------------------------------------------------------------------------
@@ -270,13 +229,8 @@ def test_a_run_is_resumed_with_the_same_flags_or_with_none(
     ids=lambda arguments: " ".join(arguments[-2:])[:40],
 )
 def test_a_run_is_not_resumed_with_other_flags(interrupted, arguments, capsys):
-    before = contents(interrupted)
-    assert (
-        __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 2
-    )
-    error = capsys.readouterr().err
-    assert "other settings" in error and error.count("\n") == 1
-    assert contents(interrupted) == before
+    arguments = ["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]
+    refused(capsys, interrupted, arguments, "other settings")
 
 
 def test_a_complete_run_is_only_read(tmp_path, undisturbed):
@@ -401,7 +355,7 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     assert (status, stderr) == (0, "")
     first = contents(out)
     assert first.pop("comparison.png").startswith(b"\x89PNG")
-    assert first == {
+    assert first == dict.fromkeys(undisturbed) | {
         f"{agent}/{name}": undisturbed[agent][name] for agent in undisturbed for name in FILES
     }
     first = contents(out)
@@ -490,6 +444,6 @@ def test_the_evaluation_changes_nothing_of_the_training(monkeypatch, undisturbed
 
 
 def test_regimes_that_a_short_run_does_not_reach_are_not_evaluated():
-    config = Config.preset("cartpole", agent="dqn", **SMALL | {"episodes": 10})
+    config = Config.preset("cartpole", agent="dqn", **DRIFTING | {"episodes": 10})
     evaluations = {record["episode"]: len(record["evaluation"]) for record in train.run(config)}
     assert {episode: n for episode, n in evaluations.items() if n} == {7: 2, 9: 2}

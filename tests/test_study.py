@@ -8,31 +8,21 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
+from helpers import SMALL, command, contents, environ, flags, refused
 
-import gbdqn_ref
 from gbdqn_ref import UsageError, runs, study
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
-SMALL = dict(
-    episodes=12,
-    learning_starts=30,
-    hidden=[8],
-    capacity=200,
-    schedule=[{"episode": 6, "length": 2}],
-)
-SETTINGS = [
-    part for key, value in SMALL.items() for part in ("--set", f"{key}={json.dumps(value)}")
-]
+DRIFTING = SMALL | dict(schedule=[{"episode": 6, "length": 2}])
 CONFIGS = [
-    Config.preset("cartpole", agent=agent, seed=seed, **SMALL)
+    Config.preset("cartpole", agent=agent, seed=seed, **DRIFTING)
     for seed in (0, 1)
     for agent in ("dqn", "random")
 ]
@@ -54,14 +44,6 @@ class Here(Executor):
         return future
 
 
-def contents(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
 @pytest.fixture(scope="module")
 def sequential(tmp_path_factory):
     """The files of the study, made one run after the other."""
@@ -70,24 +52,9 @@ def sequential(tmp_path_factory):
     return contents(out)
 
 
-def command(out, *more):
-    start = [
-        "-m",
-        "gbdqn_ref",
-        "study",
-        "--env",
-        "cartpole",
-        "--agents",
-        "dqn,random",
-        "--seeds",
-        "2",
-        "--quiet",
-    ]
-    return [sys.executable, *start, *SETTINGS, "--out", str(out), *more]
-
-
-def environ():
-    return os.environ | {"PYTHONPATH": str(Path(gbdqn_ref.__file__).parents[1])}
+def study_arguments(out, *more):
+    start = ["study", "--env", "cartpole", "--agents", "dqn,random", "--seeds", "2", "--quiet"]
+    return [*start, *flags(**DRIFTING), "--out", str(out), *more]
 
 
 def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
@@ -103,7 +70,7 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
     tmp_path, sequential, capsys
 ):
     for _ in range(2):
-        assert main(command(tmp_path / "out")[3:]) == 0
+        assert main(study_arguments(tmp_path / "out")) == 0
         names = ("curves.png", "adaptation.png", "forest.png")
         pictures = {name: (tmp_path / "out" / name).read_bytes() for name in names}
         assert all(picture.startswith(b"\x89PNG") for picture in pictures.values())
@@ -117,7 +84,10 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
 def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential):
     out = tmp_path / "out"
     process = subprocess.Popen(
-        command(out), env=environ(), start_new_session=True, stderr=subprocess.DEVNULL
+        command(*study_arguments(out)),
+        env=environ(),
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
     )
     while not list(out.glob("*/episodes.csv")):
         time.sleep(0.01)
@@ -132,7 +102,9 @@ def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential)
 def test_workers_die_with_their_study_and_so_leave_its_runs_to_the_next(tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen(
-        command(out, "--set", "episodes=1000000"), env=environ(), start_new_session=True
+        command(*study_arguments(out, "--set", "episodes=1000000")),
+        env=environ(),
+        start_new_session=True,
     )
     try:
         while len(list(out.glob("*/episodes.csv"))) < 2:
@@ -179,7 +151,7 @@ def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential
     (tmp_path / "out").mkdir()
     runs.write_json(tmp_path / "out" / "study.json", json.loads(sequential["study.json"]))
     (tmp_path / "out" / "dqn-1").touch()
-    assert main(command(tmp_path / "out")[3:]) == 1
+    assert main(study_arguments(tmp_path / "out")) == 1
     printed = capsys.readouterr()
     assert "dqn-1 failed: UsageError: " in printed.err and "is not a folder" in printed.err
     assert len(printed.err.splitlines()) == 1
@@ -204,7 +176,7 @@ def test_the_report_sorts_the_runs_by_agent(tmp_path, sequential):
 
 def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, sequential):
     study.run_study(CONFIGS[:1], tmp_path / "out", Here(), quiet=True)
-    others = [Config.preset("cartpole", agent="dqn", **SMALL | {"episodes": 13})]
+    others = [Config.preset("cartpole", agent="dqn", **DRIFTING | {"episodes": 13})]
     with pytest.raises(UsageError, match="has other settings"):
         study.run_study(others, tmp_path / "out", Here(), quiet=True)
     with pytest.raises(UsageError, match="holds no study"):
@@ -244,10 +216,8 @@ def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
     ],
 )
 def test_a_wrong_command_is_refused(tmp_path, capsys, arguments, keyword):
-    assert main(["study", "--env", "cartpole", "--out", str(tmp_path / "out"), *arguments]) == 2
-    printed = capsys.readouterr()
-    assert keyword in printed.err and len(printed.err.splitlines()) == 1
-    assert not (tmp_path / "out").exists()
+    start = ["study", "--env", "cartpole", "--out", str(tmp_path / "out")]
+    refused(capsys, tmp_path, [*start, *arguments], keyword)
 
 
 def kill_when(ready, pid):
