@@ -49,7 +49,7 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     return rows
 
 
-def cost(random, frozen, trained):
+def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, float | None]:
     """What a drift costs, from the returns (episodes,) of three policies in its physics.
 
     lost = (trained − frozen) / (trained − random) of the means, None where trained is not better

@@ -21,6 +21,7 @@ from .agents import AGENTS, BLUE, ORANGE
 from .config import Config
 from .files import check_picture, write_atomically
 from .schedule import LABELS, Regime, describe
+from .stats import Rows
 
 
 @contextmanager
@@ -46,27 +47,35 @@ with _any_backend():
 
 SMOOTHING = 15  # episodes of the trailing mean that is drawn
 FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
-Rows = Sequence[Mapping[str, Any]]  # the records of a run, or the summaries of an agent's seeds
 
-# Looks: sizes in inches and points, greys, and how much shows through.
+Look = dict[str, Any]
+
+# Looks: sizes in inches, points and shares of the axes; greys, and how much shows through.
 plain = partial(style.context, "default")
-GREY, DARK, LIGHT = "0.45", "0.25", "0.93"
 CURVES, PANEL, AFTER, FOREST, MAPS = (10.0, 5.0), (4.0, 2.6), (10.0, 6.5), (8.0, 0.45), (10.0, 5.2)
-SMALL, MIDDLE, DPI = 9, 10, 120
-EPISODES = dict(linestyle="", markersize=3, alpha=0.35, markeredgewidth=0)
-SEEDS = dict(linestyle="", markersize=6, alpha=0.45, markeredgewidth=0)
-MEDIANS = dict(linestyle="", markersize=8, markeredgecolor="white", markeredgewidth=0.8)
-THICK, THIN, BAR = dict(linewidth=2.2), dict(linewidth=0.6, alpha=0.5), dict(linewidth=2.0)
-BAND = dict(alpha=0.25, linewidth=0)
-CHANCE = dict(color=GREY, linewidth=1.2, linestyle=":")
-RIVAL = dict(color=DARK, linewidth=1.0, linestyle="--")
-LEVEL = dict(color="0.7", linewidth=0.8, zorder=0)
-START, SHADE = dict(color=DARK, linewidth=0.8, linestyle="--"), dict(color=LIGHT, zorder=0)
-NARROW, LINE_HEIGHT, ABOVE, BESIDE = 0.11, 0.055, 1.015, 1.01  # shares of the axes
-LANE, WIDTH = 0.12, 0.8  # shares of the longest regime, and of the place of a regime
-LEGEND = dict(loc="outside lower center", frameon=False)
-PLANE = dict(origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto")
-PLANE |= dict(interpolation="nearest")
+NARROW, LINE_HEIGHT, ABOVE, BESIDE = 0.11, 0.055, 1.015, 1.01
+LANE, WIDTH = 0.12, 0.8  # of the longest regime; of the place that a regime has
+GREY, DPI = "0.45", 120
+EPISODES: Look = dict(linestyle="", markersize=3, alpha=0.35, markeredgewidth=0)
+SEEDS: Look = dict(linestyle="", marker="o", markersize=6, alpha=0.45, markeredgewidth=0)
+MEDIANS: Look = dict(linestyle="", markersize=8, markeredgecolor="white", markeredgewidth=0.8)
+THICK: Look = dict(linewidth=2.2)
+THIN: Look = dict(linewidth=0.6, alpha=0.5)
+BAND: Look = dict(alpha=0.25, linewidth=0)
+CHANCE: Look = dict(color=GREY, linewidth=1.2, linestyle=":")
+RIVAL: Look = dict(color="0.25", linewidth=1.0, linestyle="--")
+LEVEL: Look = dict(color="0.7", linewidth=0.8, zorder=0)
+START: Look = dict(color="0.25", linewidth=0.8, linestyle="--")
+SHADE: Look = dict(color="0.93", zorder=0)
+TITLE: Look = dict(fontsize=11)
+LABEL: Look = dict(fontsize=10)
+REGIME: Look = dict(ha="center", va="bottom", fontsize=9)
+COUNT: Look = dict(ha="center", va="bottom", fontsize=9)
+END: Look = dict(va="center", fontsize=10)
+LEGEND: Look = dict(loc="outside lower center", frameon=False)
+PLANE: Look = dict(
+    origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest"
+)
 
 
 def learning_curves(runs: Mapping[str, Rows], config: Config, random_return: float) -> Figure:
@@ -91,7 +100,8 @@ def learning_curves(runs: Mapping[str, Rows], config: Config, random_return: flo
         axes.set(xlabel="episode", ylabel="return")
         figure.suptitle(
             f"{LABELS[config.env]}, seed {config.seed}: episodes, and means of the last"
-            f" {SMOOTHING}; grey: not the stock physics"
+            f" {SMOOTHING}; grey: not the stock physics",
+            **TITLE,
         )
     return figure
 
@@ -119,12 +129,12 @@ def study_curves(
             axes.set_visible(False)
         for axes in panels[len(runs) - columns : len(runs)]:
             axes.tick_params(labelbottom=True)
-        figure.supxlabel("episode (grey: not the stock physics)", fontsize=MIDDLE)
-        figure.supylabel(f"return, mean of the last {SMOOTHING}", fontsize=MIDDLE)
+        figure.supxlabel("episode (grey: not the stock physics)", **LABEL)
+        figure.supylabel(f"return, mean of the last {SMOOTHING}", **LABEL)
         figure.suptitle(
             f"{LABELS[config.env]}: seeds (thin), their mean (thick), its 95 % bootstrap interval"
             " (band);\nthe mean of DQN (dashed), the random policy (dotted)",
-            fontsize=MIDDLE,
+            **TITLE,
         )
     return figure
 
@@ -159,7 +169,8 @@ def adaptation(summaries: Mapping[str, Rows], config: Config) -> Figure:
             axes.spines[["top", "right"]].set_visible(False)
         figure.suptitle(
             f"{LABELS[config.env]}, after each drift: seeds (dots) and their medians (marks);\n"
-            "numbers at the top: seeds with nothing to lose, whose recovery is undefined"
+            "numbers at the top: seeds with nothing to lose, whose recovery is undefined",
+            **TITLE,
         )
         marks = [_mark(agent) for agent in agents]
         figure.legend(handles=marks, ncols=min(5, len(agents)), **LEGEND)
@@ -168,7 +179,7 @@ def adaptation(summaries: Mapping[str, Rows], config: Config) -> Figure:
 
 def forest(summaries: Mapping[str, Rows], config: Config) -> Figure:
     """Final returns minus DQN's on the same seeds: every pair, their IQM and its interval."""
-    others = [agent for agent in reversed(summaries) if agent != "dqn"]
+    others = [agent for agent in reversed(list(summaries)) if agent != "dqn"]
     with plain():
         figure = Figure((FOREST[0], FOREST[1] * (len(others) + 3)), layout="constrained")
         axes = figure.subplots()
@@ -177,9 +188,9 @@ def forest(summaries: Mapping[str, Rows], config: Config) -> Figure:
             ours, theirs = stats.same_seeds(summaries[agent], summaries["dqn"])
             difference, look = ours - theirs, AGENTS[agent]
             middle, low, high = stats.paired_difference(ours, theirs, np.random.default_rng(0))
-            axes.plot(difference, [y] * len(difference), marker="o", color=look.colour, **SEEDS)
+            axes.plot(difference, [y] * len(difference), color=look.colour, **SEEDS)
             if len(difference) > 1:
-                axes.plot([low, high], [y, y], color=look.colour, **BAR)
+                axes.plot([low, high], [y, y], color=look.colour, **THICK)
             axes.plot([middle], [y], marker=look.mark, color=look.colour, **MEDIANS)
         axes.set_yticks(range(len(others)), [AGENTS[agent].label for agent in others])
         axes.set(xlabel="final return minus DQN's", ylim=(-0.6, len(others) - 0.4))
@@ -187,7 +198,7 @@ def forest(summaries: Mapping[str, Rows], config: Config) -> Figure:
         figure.suptitle(
             f"{LABELS[config.env]}: seeds (dots), their IQM (mark), its 95 % bootstrap interval"
             " (bar)",
-            fontsize=MIDDLE,
+            **TITLE,
         )
     return figure
 
@@ -202,10 +213,10 @@ def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
     added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
     low, high = min(before.max(-1).min(), after.max(-1).min()), max(before.max(), after.max())
     size = np.abs(added).max()
-    value = dict(cmap="viridis", vmin=low, vmax=high)
-    change = dict(cmap="PuOr", vmin=-size, vmax=size)
-    actions = dict(cmap=ListedColormap([BLUE, "0.9", ORANGE]), vmin=0, vmax=2)
-    changed = dict(cmap="Greys", vmin=0, vmax=1)
+    value: Look = dict(cmap="viridis", vmin=low, vmax=high)
+    change: Look = dict(cmap="PuOr", vmin=-size, vmax=size)
+    actions: Look = dict(cmap=ListedColormap([BLUE, "0.9", ORANGE]), vmin=0, vmax=2)
+    changed: Look = dict(cmap="Greys", vmin=0, vmax=1)
     pictures = [
         (f"$\\mathrm{{max}}_a\\, Q_{{{m - 1}}}$", before.max(-1), value),
         (f"$\\alpha\\, h_{{{m}}}$, at $Q_{{{m}}}$'s action", added, change),
@@ -267,15 +278,15 @@ def _after_drift(above: Axes, below: Axes, x: float, agent: str, rows: Rows, nev
     times = [row["recovery"] for row in defined]
     areas = [row["area"] for row in defined]
     if undefined:
-        place, middle = above.get_xaxis_transform(), dict(ha="center", va="bottom")
-        above.text(x, 1, f"{undefined}", transform=place, color=look.colour, **middle)
+        place = above.get_xaxis_transform()
+        above.text(x, 1, str(undefined), transform=place, color=look.colour, **COUNT)
     median = stats.median_recovery(times) if defined else np.nan
     heights = [never if time is None else time for time in (*times, median)]
     for axes, values, middle in (
         (above, heights[:-1], heights[-1]),
         (below, areas, np.median(areas) if defined else np.nan),
     ):
-        axes.plot([x] * len(values), values, marker="o", color=look.colour, **SEEDS)
+        axes.plot([x] * len(values), values, color=look.colour, **SEEDS)
         axes.plot([x], [middle], marker=look.mark, color=look.colour, **MEDIANS)
 
 
@@ -298,10 +309,11 @@ def _mark_regimes(axes: Axes, config: Config) -> None:
 def _name_regimes(axes: Axes, config: Config) -> None:
     """Say above each regime what is not as in the stock physics."""
     narrowest = min(regime.end - regime.start for regime in config.regimes) / config.episodes
-    look = dict(ha="center", va="bottom", fontsize=SMALL, rotation=90 * (narrowest < NARROW))
+    turned = 90 if narrowest < NARROW else 0
+    place = axes.get_xaxis_transform()
     for regime in config.regimes:
         middle = (regime.start + regime.end) / 2
-        axes.text(middle, ABOVE, _name(regime), transform=axes.get_xaxis_transform(), **look)
+        axes.text(middle, ABOVE, _name(regime), transform=place, rotation=turned, **REGIME)
 
 
 def _name(regime: Regime) -> str:
@@ -314,7 +326,7 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
     axes.set_ylim(low, high)
     heights = (np.array([height for _, _, height in ends]) - low) / (high - low)
     for (name, colour, _), height in zip(ends, _apart(heights), strict=True):
-        axes.text(BESIDE, height, name, color=colour, transform=axes.transAxes, va="center")
+        axes.text(BESIDE, height, name, color=colour, transform=axes.transAxes, **END)
 
 
 def _apart(heights: np.ndarray) -> np.ndarray:

@@ -9,8 +9,12 @@ random): 0 is the random policy, 1 the mean of the 20 episodes before the drift.
 less than a return of −100 would mean opposite things.)
 """
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 
+Rows = Sequence[Mapping[str, Any]]  # the records of a run, or the summaries of some runs
 EDGE, WINDOW, RECOVERED = (
     20,
     10,
@@ -121,14 +125,14 @@ def paired_difference(x, y, rng, **options):
     return (float(iqm(difference)), *bootstrap_interval(difference, rng, **options))
 
 
-def same_seeds(runs, others):
+def same_seeds(runs: Rows, others: Rows) -> tuple[np.ndarray, np.ndarray]:
     """The final returns of two agents' summaries, paired by seed: two arrays (seeds,).
 
     Seeds that only one of them has are left out.
     """
     ours, theirs = ({run["seed"]: run["final_return"] for run in each} for each in (runs, others))
     seeds = sorted(ours.keys() & theirs.keys())
-    return tuple(np.array([final[seed] for seed in seeds]) for final in (ours, theirs))
+    return np.array([ours[seed] for seed in seeds]), np.array([theirs[seed] for seed in seeds])
 
 
 def mean_std(x):

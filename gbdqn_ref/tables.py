@@ -1,6 +1,6 @@
 """What the command line prints, as tables of text. Nothing here computes more than it shows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from . import stats
 from .agents import AGENTS
 from .config import Config
 from .schedule import LABELS, describe
+from .stats import Rows
 
 HURTS = 0.2  # a drift matters if it costs this share of the gain from random to trained
 RANDOM = "random policy, stock physics"
@@ -62,7 +63,7 @@ def regimes(summaries: Mapping[str, Mapping[str, Any]], config: Config) -> Table
     return Table(title, columns, rows, [*shares, *notes])
 
 
-def study(summaries: Mapping[str, Sequence[Mapping[str, Any]]], config: Config) -> Table:
+def study(summaries: Mapping[str, Rows], config: Config) -> Table:
     """Mean return per regime, final return and its difference to DQN's, {agent: [summary]}."""
     columns = ["agent", *(str(k) for k in range(len(config.regimes))), "mean ± std", "IQM"]
     rows = [[AGENTS[agent].label, *_returns(runs)] for agent, runs in summaries.items()]
@@ -82,7 +83,7 @@ def study(summaries: Mapping[str, Sequence[Mapping[str, Any]]], config: Config) 
     return Table(title, columns, rows, notes)
 
 
-def drift_effect(rows: Sequence[Mapping[str, Any]], config: Config) -> Table:
+def drift_effect(rows: Rows, config: Config) -> Table:
     """What effect.drift_effect() found, one row per regime."""
     columns = ["regime", "random", "frozen", "trained", "lost"]
     cells = [
@@ -109,7 +110,7 @@ def _adaptation(row: Mapping[str, Any]) -> list[str]:
     return [_number(row["mean_return"]), _share(row["drop"]), recovery]
 
 
-def _returns(runs: Sequence[Mapping[str, Any]]) -> list[str]:
+def _returns(runs: Rows) -> list[str]:
     """The mean return in each regime, then mean ± std and IQM of the final returns."""
     final = [run["final_return"] for run in runs]
     returns = [[row["mean_return"] for row in run["regimes"]] for run in runs]
@@ -119,7 +120,7 @@ def _returns(runs: Sequence[Mapping[str, Any]]) -> list[str]:
     return [*means, f"{_number(mean)} ± {spread:>5}", _number(stats.iqm(final))]
 
 
-def _difference(runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]]) -> str:
+def _difference(runs: Rows, others: Rows) -> str:
     """IQM of the paired differences in final return, with its interval if there are several."""
     pairs = stats.same_seeds(runs, others)
     middle, low, high = stats.paired_difference(*pairs, np.random.default_rng(0))

@@ -134,7 +134,7 @@ def _episode(agent: Any, env: drift.DriftWrapper, seed: int, title: str) -> Epis
 
 
 def _picture(env: drift.DriftWrapper) -> Image.Image:
-    picture = Image.fromarray(env.render())
+    picture = Image.fromarray(np.asarray(env.render()))
     return picture.resize((WIDTH, WIDTH * picture.height // picture.width))
 
 
