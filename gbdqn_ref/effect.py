@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from . import drift, runs, study
+from . import drift, runs, stats, study
 from .config import Config
 from .schedule import describe, stock
 from .train import evaluate, make_agent
@@ -52,11 +52,9 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
 def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, float | None]:
     """What a drift costs, from the returns (episodes,) of three policies in its physics.
 
-    lost = (trained − frozen) / (trained − random) of the means, None where trained is not better
-    than random by two standard errors.
+    lost = (trained − frozen) / (trained − random) of the means; None where trained shows no gain.
     """
     means = [float(returns.mean()) for returns in (random, frozen, trained)]
-    error = trained.std(ddof=1) / np.sqrt(len(trained))
-    gain = means[2] - means[0]
-    lost = (means[2] - means[1]) / gain if gain > 2 * error else None
+    gain = stats.gain(trained, means[0])
+    lost = None if gain is None else (means[2] - means[1]) / gain
     return dict(zip(("random", "frozen", "trained"), means, strict=True)) | {"lost": lost}

@@ -272,22 +272,18 @@ def _seeds_and_mean(axes: Axes, episode: np.ndarray, curves: np.ndarray, colour:
 
 def _after_drift(above: Axes, below: Axes, x: float, agent: str, rows: Rows, never: float) -> None:
     """One agent's recoveries and areas after one drift, at x."""
-    look = AGENTS[agent]
-    defined = [row for row in rows if row["drop"] is not None]
-    undefined = len(rows) - len(defined)
-    times = [row["recovery"] for row in defined]
-    areas = [row["area"] for row in defined]
-    if undefined:
-        place = above.get_xaxis_transform()
-        above.text(x, 1, str(undefined), transform=place, color=look.colour, **COUNT)
-    median = stats.median_recovery(times) if defined else np.nan
-    heights = [never if time is None else time for time in (*times, median)]
-    for axes, values, middle in (
-        (above, heights[:-1], heights[-1]),
-        (below, areas, np.median(areas) if defined else np.nan),
-    ):
-        axes.plot([x] * len(values), values, color=look.colour, **SEEDS)
-        axes.plot([x], [middle], marker=look.mark, color=look.colour, **MEDIANS)
+    colour, mark = AGENTS[agent].colour, AGENTS[agent].mark
+    defined = [row for row in rows if row["area"] is not None]
+    medians = stats.regime_medians(rows)
+    if medians["undefined"]:
+        place, count = above.get_xaxis_transform(), str(medians["undefined"])
+        above.text(x, 1, count, transform=place, color=colour, **COUNT)
+    for axes, key in ((above, "recovery"), (below, "area")):
+        heights = [never if row[key] is None else row[key] for row in defined]
+        axes.plot([x] * len(heights), heights, color=colour, **SEEDS)
+        if defined:
+            middle = never if medians[key] is None else medians[key]
+            axes.plot([x], [middle], marker=mark, color=colour, **MEDIANS)
 
 
 def _mark(agent: str) -> Line2D:

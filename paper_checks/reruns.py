@@ -18,8 +18,8 @@ from gbdqn_ref.stats import (
     forgetting,
     iqm,
     mean_std,
-    median_recovery,
     paired_difference,
+    regime_medians,
 )
 
 FOLDER = Path(__file__).with_name("results")
@@ -165,15 +165,10 @@ def _drifts(rows):
     """Area and recovery per drift, the median run's; what is lost of each earlier regime at the
     end, the mean run's.
     """
-    regimes = list(zip(*(run["regimes"][1:] for run in rows), strict=True))
-    known = [[row for row in regime if row["area"] is not None] for regime in regimes]
-    areas = [
-        f"{np.median([row['area'] for row in regime]):.2f}" if regime else "–" for regime in known
-    ]
-    times = [
-        _time(median_recovery([row["recovery"] for row in regime])) if regime else "–"
-        for regime in known
-    ]
+    regimes = zip(*(run["regimes"][1:] for run in rows), strict=True)
+    medians = [regime_medians(regime) for regime in regimes]
+    areas = ["–" if each["area"] is None else f"{each['area']:.2f}" for each in medians]
+    times = ["–" if each["area"] is None else _time(each["recovery"]) for each in medians]
     lost = np.mean([forgetting(run["evaluation"]) for run in rows], axis=0)
     return [", ".join(areas), ", ".join(times), ", ".join(f"{x:.0f}" for x in lost)]
 

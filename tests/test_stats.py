@@ -6,16 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import reals, rngs
 
+from gbdqn_ref import UsageError
 from gbdqn_ref.stats import (
     bootstrap_interval,
     final_return,
     forgetting,
+    gain,
     iqm,
     mean_std,
     median_recovery,
     paired_difference,
     recovery,
+    regime_medians,
     regime_table,
+    standard_error,
     trailing_mean,
 )
 
@@ -153,6 +157,37 @@ def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_
     assert (row["drop"], row["recovery"]) == (None, None)
 
 
+def test_a_standard_error_by_hand():
+    assert standard_error([1.0, 2.0, 3.0]) == pytest.approx(1 / 3**0.5)  # √((1 + 0 + 1) / 2) / √3
+    assert standard_error([4.0, 4.0]) == 0.0
+    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; with n it would be 1 / √2
+
+
+def test_of_one_episode_no_standard_error_is_known():
+    assert standard_error([7.0]) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("random", "expected"), [(79.9, 20.1), (80.0, None), (81.0, None), (-5.0, 105.0)]
+)
+def test_a_gain_is_more_than_two_standard_errors_above_the_random_policy(random, expected):
+    """(90, 110): mean 100, standard error √200 / √2 = 10."""
+    assert gain([90.0, 110.0], random) == (expected and pytest.approx(expected))
+
+
+def test_a_single_episode_before_a_drift_shows_no_gain():
+    """One good episode of an untrained agent: its drop would be −227 % or anything else."""
+    row = regime_table(records([40], [100] * 30), 20.0)[1]
+    assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
+
+
+def test_what_is_within_two_standard_errors_of_random_cannot_be_lost():
+    """1, 2, 3 is 2 ± 0.58, so it is not above 1 by two standard errors."""
+    row = regime_table(records([1, 2, 3], [1] * 30), 1.0)[1]
+    assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
+    assert regime_table(records([1, 2, 3], [1] * 30), 0.8)[1]["drop"] is not None
+
+
 def test_each_regime_is_compared_with_the_one_just_before_it():
     table = regime_table(records([100] * 20, [50] * 20, [25] * 20), 0.0)
     assert [row["drop"] for row in table] == [None, 0.5, 0.5]
@@ -229,6 +264,31 @@ def test_an_interval_of_two_values_by_hand():
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: iqm([]),
+        lambda: iqm(np.empty((2, 0))),
+        lambda: final_return([]),
+        lambda: mean_std([]),
+        lambda: standard_error([]),
+        lambda: median_recovery([]),
+        lambda: regime_medians([]),
+        lambda: bootstrap_interval([], np.random.default_rng(0)),
+        lambda: paired_difference([], [], np.random.default_rng(0)),
+    ],
+)
+def test_nothing_has_no_average(ask):
+    with pytest.raises(UsageError, match=r"^at least one value is needed$"):
+        ask()
+
+
+@pytest.mark.parametrize(("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1])])
+def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
+    with pytest.raises(UsageError, match="one result per seed"):
+        paired_difference(x, y, np.random.default_rng(0))
+
+
 def test_environments_are_resampled_by_themselves():
     """Runs that agree within each environment leave no spread, however far the environments are
     apart.
@@ -269,6 +329,25 @@ def test_mean_and_std_by_hand():
 )
 def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
     assert median_recovery(times) == median
+
+
+def row(drop, recovery, area):
+    return {"drop": drop, "recovery": recovery, "area": area}
+
+
+def test_medians_are_of_the_runs_in_which_there_was_something_to_lose():
+    rows = [row(0.5, 40, 0.9), row(None, None, None), row(0.7, None, 0.1), row(0.1, 10, 0.4)]
+    assert regime_medians(rows) == {"recovery": 40, "area": 0.4, "undefined": 1}
+
+
+def test_a_regime_that_most_runs_never_recover_from_has_an_area_but_no_recovery():
+    rows = [row(0.5, 40, 0.25), row(0.9, None, 0.75)]
+    assert regime_medians(rows) == {"recovery": None, "area": 0.5, "undefined": 0}
+
+
+def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
+    rows = [row(None, None, None)] * 3
+    assert regime_medians(rows) == {"recovery": None, "area": None, "undefined": 3}
 
 
 def test_forgetting_is_what_was_best_less_what_is_left():
