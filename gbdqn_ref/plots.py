@@ -321,11 +321,11 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, high)
     heights = (np.array([height for _, _, height in ends]) - low) / (high - low)
-    for (name, colour, _), height in zip(ends, _apart(heights), strict=True):
+    for (name, colour, _), height in zip(ends, apart(heights), strict=True):
         axes.text(BESIDE, height, name, color=colour, transform=axes.transAxes, **END)
 
 
-def _apart(heights: np.ndarray) -> np.ndarray:
+def apart(heights: np.ndarray) -> np.ndarray:
     """The heights, with overlapping neighbours moved apart by equal parts until a line fits in."""
     placed, order = heights.copy(), np.argsort(heights, kind="stable")
     for _ in range(100):

@@ -50,7 +50,20 @@ def film(run: Path | str, regime: int = 1, seed: int = 0) -> list[Episode]:
         for when, each in zip(("before", "after"), shown, strict=True)
     ]
     start = episode_seed(seed, 0)
-    return [_episode(agent, env, start, title) for env, title in zip(envs, titles, strict=True)]
+    return [episode(agent, env, start, title) for env, title in zip(envs, titles, strict=True)]
+
+
+def episode(agent: Any, env: drift.DriftWrapper, seed: int, title: str) -> Episode:
+    """One greedy episode, filmed."""
+    s, _ = env.reset(seed=seed, options={"episode": 0})
+    pictures, returns, ends = [_picture(env)], [0.0], False
+    while not ends:
+        s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
+        ends = terminated or truncated
+        pictures.append(_picture(env))
+        returns.append(returns[-1] + float(r))
+    env.close()
+    return Episode(title, pictures, returns, 1 / env.metadata["render_fps"])
 
 
 def frames(episodes: Sequence[Episode]) -> tuple[list[Image.Image], int]:
@@ -58,7 +71,7 @@ def frames(episodes: Sequence[Episode]) -> tuple[list[Image.Image], int]:
 
     Steps are left out evenly where there are too many. An episode that is over stands still.
     """
-    length = max(len(episode.pictures) for episode in episodes)
+    length = max(len(each.pictures) for each in episodes)
     every = -(-length // FRAMES)
     steps = [*range(0, length, every), *[length - 1] * LAST]
     duration = max(SHORTEST, round(1000 * every * episodes[0].pace))
@@ -120,19 +133,6 @@ def _drawn(name: str, factors: dict[str, float]) -> drift.DriftWrapper:
     return env
 
 
-def _episode(agent: Any, env: drift.DriftWrapper, seed: int, title: str) -> Episode:
-    """One greedy episode, filmed."""
-    s, _ = env.reset(seed=seed, options={"episode": 0})
-    pictures, returns, ends = [_picture(env)], [0.0], False
-    while not ends:
-        s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
-        ends = terminated or truncated
-        pictures.append(_picture(env))
-        returns.append(returns[-1] + float(r))
-    env.close()
-    return Episode(title, pictures, returns, 1 / env.metadata["render_fps"])
-
-
 def _picture(env: drift.DriftWrapper) -> Image.Image:
     picture = Image.fromarray(np.asarray(env.render()))
     return picture.resize((WIDTH, WIDTH * picture.height // picture.width))
@@ -142,9 +142,9 @@ def _side_by_side(episodes: Sequence[Episode], step: int) -> Image.Image:
     """One frame: each episode at this step, or at its end, below its caption."""
     height = episodes[0].pictures[0].height + CAPTION
     frame = Image.new("RGB", (WIDTH * len(episodes), height), "white")
-    for k, episode in enumerate(episodes):
-        at, left = min(step, len(episode.pictures) - 1), WIDTH * k
-        frame.paste(episode.pictures[at], (left, CAPTION))
+    for k, shown in enumerate(episodes):
+        at, left = min(step, len(shown.pictures) - 1), WIDTH * k
+        frame.paste(shown.pictures[at], (left, CAPTION))
         corner = (left + MARGIN[0], MARGIN[1])
-        ImageDraw.Draw(frame).text(corner, episode.caption(at), "black", FONT)
+        ImageDraw.Draw(frame).text(corner, shown.caption(at), "black", FONT)
     return frame
