@@ -3,7 +3,8 @@
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from gbdqn_ref.plots import OKABE_ITO, save
+from gbdqn_ref.agents import OKABE_ITO
+from gbdqn_ref.plots import save
 
 
 def table(title, columns, rows):

@@ -8,8 +8,8 @@ from .dqn import DQN
 from .gbdqn import GBDQN
 
 # Okabe and Ito's colours, which a colour-blind reader can tell apart
-BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-ORANGE, SKY, BLACK = "#E69F00", "#56B4E9", "#000000"
+OKABE_ITO = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK = OKABE_ITO
 
 
 class Agent(NamedTuple):

@@ -7,6 +7,8 @@ residual y_i − Q_{m−1}(s_i, a_i) of Eq. 4; m boosters, θ (m, P) their param
 
 import numpy as np
 
+LARGEST, LARGEST_32 = (float(np.finfo(kind).max) for kind in (np.float64, np.float32))
+
 
 def closed_form_alpha(residual, h, weights=None):
     """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), which minimises Σ w_i (r_i − α h_i)² (Eq. 7),
@@ -15,6 +17,7 @@ def closed_form_alpha(residual, h, weights=None):
     The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as the paper prints it;
     only with the weights of the training loss does it minimise that loss (D7). Where h = 0 on the
     whole sample every α is optimal and the formula reads 0/0: the answer is 0, which adds nothing.
+    An α that no float can hold becomes the largest float.
 
     >>> closed_form_alpha(np.array([2.0, -1.0]), np.array([1.0, 1.0]))
     0.5
@@ -27,7 +30,8 @@ def closed_form_alpha(residual, h, weights=None):
     scale = np.abs(h).max(initial=0.0) or 1.0  # h² of a tiny h would underflow to 0
     unit = h / scale
     A, B = np.vecdot(weights * residual, unit), np.vecdot(weights * unit, unit)
-    return float(A / B / scale) if B != 0 else 0.0
+    alpha = float(A / B) / float(scale) if B != 0 else 0.0
+    return min(max(alpha, -LARGEST), LARGEST)
 
 
 class Ensemble:
@@ -46,7 +50,12 @@ class Ensemble:
         return len(self.alpha)
 
     def add(self, theta, alpha):
-        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze a copy of θ (P,) as the newest booster."""
+        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze a copy of θ (P,) as the newest booster.
+
+        FloatingPointError if α is beyond float32.
+        """
+        if not abs(alpha) <= LARGEST_32:
+            raise FloatingPointError(f"float32 cannot hold this step size of a booster: {alpha}")
         self.theta = np.concatenate([self.theta, theta[None]])
         self.alpha = np.append(self.alpha, np.float32(alpha))
 

@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 from reprlib import repr as short
 from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
@@ -18,50 +18,52 @@ from .schedule import FACTORS, Regime, check_environment, regimes
 
 
 class Rule(NamedTuple):
-    """What a setting may be: in words, as a test, and a value that breaks it."""
+    """What a setting may be: in words, as a test, and values just beyond what it allows."""
 
     words: str
     holds: Callable[[Any], bool]
-    breaks: object
+    breaks: tuple = ()
 
 
 def whole(low: int, high: int) -> Rule:
     """The rule of whole numbers from low to high."""
-    return Rule(f"a whole number from {low:,} to {high:,}", lambda n: low <= n <= high, low - 1)
+    words = f"a whole number from {low:,} to {high:,}"
+    return Rule(words, lambda n: low <= n <= high, (low - 1, high + 1))
 
 
 def one_of(*choices: str | None) -> Rule:
     """The rule of words, of which None is written null."""
     words = ", ".join(choice or "null" for choice in choices)
-    return Rule(f"one of {words}", lambda word: word in choices, "xyzzy")
+    return Rule(f"one of {words}", lambda word: word in choices, ("xyzzy", ""))
 
 
 def own_or(rule: Rule) -> Rule:
     """The same rule, for a setting that is the agent's own while it is None."""
-    return Rule(
-        f"{rule.words}, or null for the agent's own",
-        lambda value: value is None or rule.holds(value),
-        rule.breaks,
-    )
+    words = f"{rule.words}, or null for the agent's own"
+    return Rule(words, lambda value: value is None or rule.holds(value), rule.breaks)
 
 
 COUNT = whole(1, 10_000_000)
-FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, 1.01)
-POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, 0.0)
-NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, -0.01)
-DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, 1.0)
-PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, 0.0)
-YES_OR_NO = Rule("true or false", lambda _: True, "yes")
-SCHEDULE = Rule('a list of entries like {"episode": 9, "gravity": 1.5}', lambda _: True, "gravity")
+FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, (-0.01, 1.01, inf))
+POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, (0.0, -1e-9, inf))
+NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, (-1e-9, inf))
+DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, (1.0, -0.1, inf))
+PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, (0.0, 1.01))
+YES_OR_NO = Rule("true or false", lambda _: True)
 WIDTHS = Rule(
     "a list of widths from 1 to 4096, like [128, 128]",
     lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
-    (0,),
+    ([0], [-3], [1.5], ["8"], [True], [8, None], [4097], [[8]]),
 )
 STEP_SIZE = Rule(
     'a positive finite number or "closed-form"',
     lambda a: a == "closed-form" if isinstance(a, str) else isfinite(a) and a > 0,
-    0.0,
+    (0.0, -1e-9, inf, "closed"),
+)
+SCHEDULE = Rule(
+    'a list of entries like {"episode": 9, "gravity": 1.5}',
+    lambda _: True,  # regimes() looks at the entries
+    ([5], [{"episode": 1}], [{"episode": 1, "gravity": 0}]),
 )
 
 
@@ -237,7 +239,7 @@ def _plain(value: Any, kinds: tuple[type, ...]) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if float in kinds and type(value) is int:
-        return float(value) if abs(value) < 1e300 else np.inf
+        return float(value) if abs(value) < 1e300 else inf
     return value
 
 

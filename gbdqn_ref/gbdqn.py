@@ -110,7 +110,7 @@ class GBDQN(DQN):
         n, replay = len(self.replay), self.replay
         h = self._predict(replay.s[:n])[np.arange(n), replay.a[:n]]  # (n,)
         h_next = self._predict(replay.s2[:n])  # (n, A)
-        if self.config.alpha == "closed-form" and len(self.ensemble):
+        if n and self.config.alpha == "closed-form" and len(self.ensemble):
             q_next = self.q_frozen_next[:n] + h_next if self.live else self.q_frozen_next[:n]
             y = bellman.td_target(replay.r[:n], replay.terminated[:n], q_next, self.config.gamma)
             weights = (n * replay.probabilities()) ** (

@@ -51,6 +51,9 @@ def clip_by_norm(grad, max_norm):
     [[0.6000000000000001, 0.8], [0.3, 0.4]]
     """
     norm = np.sqrt(np.vecdot(grad, grad))[..., None]
+    if norm.max() == np.inf:  # squares overflow before the gradient does: scale these rows down
+        scale = np.where(norm == np.inf, np.abs(grad).max(-1, keepdims=True), 1)
+        return clip_by_norm(grad / scale, max_norm / scale) * scale
     return grad * (max_norm / np.maximum(norm, max_norm))
 
 

@@ -8,12 +8,15 @@ on a wrapper has no effect) and writes to the instance.
 """
 
 from functools import cache
-from math import cos, pi, sin
+from math import copysign, cos, fmod, pi, sin
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import RecordConstructorArgs
+
+from . import UsageError
 
 CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, only read
 
@@ -31,7 +34,11 @@ class Acrobot(AcrobotEnv):
     gravity = 9.8  # m/s²
 
     def step(self, a):
-        torque, dt = self.AVAIL_TORQUE[a], self.dt
+        if self.state is None:
+            raise ResetNeeded("call reset() before step()")
+        torque, dt = _chosen(self.AVAIL_TORQUE, a), self.dt
+        if self.torque_noise_max > 0:
+            torque += self.np_random.uniform(-self.torque_noise_max, self.torque_noise_max)
         y = tuple(map(float, self.state))
         k1 = self._derivative(*y, torque)
         k2 = self._derivative(*(yi + dt / 2 * ki for yi, ki in zip(y, k1, strict=True)), torque)
@@ -42,8 +49,8 @@ class Acrobot(AcrobotEnv):
             for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
         )
         self.state = (
-            _wrap(theta1),
-            _wrap(theta2),
+            wrap(theta1),
+            wrap(theta2),
             min(max(speed1, -self.MAX_VEL_1), self.MAX_VEL_1),
             min(max(speed2, -self.MAX_VEL_2), self.MAX_VEL_2),
         )
@@ -73,9 +80,8 @@ class Acrobot(AcrobotEnv):
             + (m1 * lc1 + m2 * l1) * g * cos(theta1 - pi / 2)
             + phi2
         )
-        acceleration2 = (torque + d2 / d1 * phi1 - m2 * l1 * lc2 * speed1**2 * sin2 - phi2) / (
-            m2 * lc2**2 + moi - d2**2 / d1
-        )
+        swing = 0.0 if self.book_or_nips == "nips" else m2 * l1 * lc2 * speed1**2 * sin2
+        acceleration2 = (torque + d2 / d1 * phi1 - swing - phi2) / (m2 * lc2**2 + moi - d2**2 / d1)
         return speed1, speed2, -(d2 * acceleration2 + phi1) / d1, acceleration2
 
     def _get_ob(self):
@@ -88,13 +94,21 @@ class Acrobot(AcrobotEnv):
         return -cos(self.state[0]) - cos(self.state[1] + self.state[0]) > 1
 
 
-def _wrap(angle):
-    """The same angle in [−π, π]."""
-    while angle > pi:
-        angle -= 2 * pi
-    while angle < -pi:
-        angle += 2 * pi
-    return angle
+def wrap(angle):
+    """The same angle in [−π, π], to the bit what is left when turns are taken off one by one."""
+    if -pi <= angle <= pi:
+        return angle
+    rest = fmod(angle, 2 * pi)  # exact, and at once: 1e17 − 2π is 1e17
+    return rest - copysign(2 * pi, rest) if abs(rest) > pi else rest + 0.0  # −2π goes to 0, not −0
+
+
+def _chosen(options, action):
+    """The option that an action stands for; UsageError if there is none."""
+    if action not in range(len(options)):  # options[−1] would be the last one
+        raise UsageError(
+            f"action must be a whole number from 0 to {len(options) - 1}, not {action!r}"
+        )
+    return options[int(action)]
 
 
 gymnasium.register(
@@ -125,7 +139,7 @@ class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
 
     def action(self, action):
         """The torques (3,) of an action."""
-        return self.TORQUES[action].copy()
+        return _chosen(self.TORQUES, action).copy()
 
 
 gymnasium.register(

@@ -5,7 +5,7 @@ Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age
 since (newest 0), slot = place in the ring. Everything per sample is (B,).
 """
 
-from math import expm1
+from math import expm1, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -79,6 +79,8 @@ class UniformReplay:
 
     def add(self, s, a, r, s2, terminated):
         """Store a transition over the oldest one when full; returns its slot."""
+        if a < 0:  # as an index it would be one of the last actions
+            raise ValueError(f"an action is a whole number from 0 on, not {a}")
         slot = self.added % self.capacity
         self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = (
             s,
@@ -96,7 +98,7 @@ class UniformReplay:
 
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement, P(i) = 1/N."""
-        index = rng.integers(len(self), size=batch_size)
+        index = rng.integers(self._total(), size=batch_size)
         return self._batch(index, np.ones(batch_size, np.float32))
 
     def _batch(self, index, weight):
@@ -112,7 +114,11 @@ class UniformReplay:
 
     def probabilities(self):
         """P (N,), by slot: what sample() draws from."""
-        return np.full(len(self), 1 / len(self))
+        return np.full(len(self), 1 / self._total())
+
+    def _total(self):
+        """Σp, where each p is 1."""
+        return _divisor(len(self), len(self))
 
     def update_priorities(self, index, delta):
         """Take note of the TD errors (B,) of the transitions in these slots; here nothing depends
@@ -229,8 +235,11 @@ class ProportionalReplay(UniformReplay):
         priority = td_priority(
             np.asarray(delta, np.float64), self.priority_offset, self.priority_exponent
         )
+        largest = float(priority.max())
+        if not largest < inf:
+            raise FloatingPointError(f"a priority is {largest}: the TD errors have diverged")
         self.tree.set(index, priority)
-        self.max_priority = max(self.max_priority, float(priority.max()))
+        self.max_priority = max(self.max_priority, largest)
 
     def _probability(self, index):
         return self._priority(index) / self._total()
@@ -242,7 +251,7 @@ class ProportionalReplay(UniformReplay):
         return self.tree.leaves[index]
 
     def _total(self):
-        return _positive(self.tree.total())
+        return _divisor(self.tree.total(), len(self))
 
     def check_valid(self):
         super().check_valid()
@@ -255,11 +264,16 @@ class ProportionalReplay(UniformReplay):
         assert self.tree.leaves.max() <= self.max_priority
 
 
-def _positive(total):
-    if not total > 0:
+def _divisor(total, n):
+    """Σp of n priorities; an error where P = p / Σp is undefined."""
+    if not n:
+        raise ValueError("the buffer is empty: store a transition before drawing one")
+    if total == 0:
         raise ValueError(
             "every priority is 0, so P = p / Σp is undefined; priority_offset must be positive"
         )
+    if not total < inf:
+        raise FloatingPointError(f"the priorities add up to {total}: the TD errors have diverged")
     return total
 
 
@@ -306,4 +320,5 @@ class RecencyReplay(ProportionalReplay):
         )
 
     def _total(self):
-        return _positive(mixed_priority(self.tree.total(), self.time_total(), self.mix))
+        total = mixed_priority(self.tree.total(), self.time_total(), self.mix)
+        return _divisor(total, len(self))

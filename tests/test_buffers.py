@@ -428,6 +428,48 @@ def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
     assert set(newest) == {96 % 40}
 
 
+# --- what is refused ------------------------------------------------------------------------------
+
+
+@kinds
+@pytest.mark.parametrize(
+    "ask",
+    [lambda replay: replay.sample(3, np.random.default_rng(0)), lambda r: r.probabilities()],
+    ids=["sample", "probabilities"],
+)
+def test_an_empty_buffer_says_so(kind, options, ask):
+    with pytest.raises(ValueError, match=r"^the buffer is empty"):
+        ask(kind(5, D, **options))
+
+
+@kinds
+def test_an_action_before_the_first_is_not_stored(kind, options):
+    """Catches −1, which as an index is the last action."""
+    replay = kind(5, D, **options)
+    with pytest.raises(ValueError, match="not -1"):
+        replay.add(np.zeros(D), -1, 0.0, np.zeros(D), False)
+    assert len(replay) == 0
+
+
+@pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
+@pytest.mark.parametrize("error", [np.nan, np.inf, -np.inf])
+def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error):
+    replay = fill(kind(5, D), 5)
+    before = replay.probabilities().tolist()
+    with pytest.raises(FloatingPointError, match=f"a priority is {abs(error)}: .* diverged"):
+        replay.update_priorities(np.array([1, 2]), np.array([0.5, error]))
+    assert replay.probabilities().tolist() == before and replay.max_priority == 1.0
+
+
+@pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
+@pytest.mark.parametrize("priority", [np.nan, np.inf])
+def test_priorities_whose_sum_is_no_number_are_not_said_to_be_0(kind, priority):
+    replay = fill(kind(5, D), 5)
+    replay.tree.set(np.array([3]), priority)
+    with pytest.raises(FloatingPointError, match=f"the priorities add up to {priority}"):
+        replay.sample(3, np.random.default_rng(0))
+
+
 # --- where all TD priorities are 0 ----------------------------------------------------------------
 
 

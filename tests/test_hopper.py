@@ -2,8 +2,11 @@
 reset restores all.
 """
 
+import copy
+import pickle
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -157,6 +160,24 @@ def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_env
             env.step(action)
     env.reset(seed=5)
     assert np.array_equal(trajectory(env.unwrapped, 100), trajectory(HopperEnv(), 100))
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_a_drifted_hopper_is_drifted_alike(twin):
+    env = drift.make("hopper", [{"episode": 0, **ALL}])
+    env.reset(seed=0)
+    copied = twin(env)  # MuJoCo's environments are built anew from their arguments: the stock model
+    assert not differing(copied, drifted(**ALL))
+    (s, info), (copied_s, copied_info) = env.reset(seed=1), copied.reset(seed=1)
+    assert info == copied_info and s.tolist() == copied_s.tolist()
+    assert env.step(1)[0].tolist() == copied.step(1)[0].tolist()
+
+
+def test_every_corner_of_the_factors_can_be_stepped():
+    """A hundredth and a hundred times each constant: every state stays finite."""
+    for corner in product((0.01, 100.0), repeat=len(FACTORS)):
+        states = trajectory(drifted(**dict(zip(FACTORS, corner, strict=True))), 50)
+        assert np.isfinite(states).all(), corner
 
 
 def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():

@@ -94,6 +94,26 @@ def test_clipping_takes_a_gradient_of_0_and_keeps_the_precision():
     assert not clipped.any() and clipped.dtype == np.float32
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered in vecdot")
+@pytest.mark.parametrize(("dtype", "size"), [(np.float32, 1e19), (np.float64, 1e200)])
+def test_a_norm_that_overflows_is_clipped_too(dtype, size):
+    """3² + 4² = 5², however large the unit; the squares of 1e19 are no longer a float32."""
+    grad = np.array([3, 4], dtype) * dtype(size)
+    np.testing.assert_allclose(clip_by_norm(grad, 10.0), [6, 8], rtol=1e-6)
+    np.testing.assert_allclose(clip_by_norm(grad, 20 * size), grad, rtol=1e-6)
+    assert clip_by_norm(grad, 10.0).dtype == dtype
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered in vecdot")
+def test_a_norm_that_overflows_leaves_the_rest_of_the_stack_alone():
+    huge = np.finfo(np.float32).max
+    usual = np.array([[0.3, -0.4], [30.0, 0.1], [0.0, 0.0]], np.float32)
+    stack = np.concatenate([usual, np.array([[huge, -huge]])]).astype(np.float32)
+    clipped = clip_by_norm(stack, 10.0)
+    assert clipped[:3].tobytes() == clip_by_norm(usual, 10.0).tobytes()
+    np.testing.assert_allclose(clipped[3], [50**0.5, -(50**0.5)], rtol=1e-6)
+
+
 @given(vectors(3), vectors(3))
 def test_polyak_with_0_does_nothing_and_with_1_copies(target, theta):
     same, copy = target.copy(), target.copy()
