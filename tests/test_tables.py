@@ -92,6 +92,13 @@ def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
     assert len(shown.notes) == 3, "nobody drew by recency"
 
 
+def test_nothing_is_minus_zero():
+    runs = {"dqn": finals(0.01), "gbdqn": finals(-0.03)}
+    assert tables.study(runs, CONFIG).rows[1][4:] == ["0.0 ±     –", "0.0", "+0.0"]
+    shown = tables.regimes({"dqn": summary(-0.01, [(-0.04,), (0, -0.001, 9), ()])}, CONFIG)
+    assert (shown.rows[0][1], shown.rows[1][2], shown.rows[3][1]) == ("0.0", "0%", "0.0")
+
+
 # --- a study --------------------------------------------------------------------------------------
 
 
