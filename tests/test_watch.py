@@ -65,7 +65,8 @@ class World:
         self.calls.append(a)
         self.steps += 1
         ends = self.steps == 3
-        return np.full(1, self.steps), -1.5, ends and not self.truncated, ends, {}
+        terminated, truncated = ends and not self.truncated, ends and self.truncated
+        return np.full(1, self.steps), -1.5, terminated, truncated, {}
 
     def render(self):
         return grey(10 * self.steps)
