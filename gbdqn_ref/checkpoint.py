@@ -25,6 +25,7 @@ Arrays = dict[str, np.ndarray]
 FORMAT = 1
 HEADER = {"format": (int,), "episodes": (int,), "config": (dict,)}
 REBUILT = {"config", "net", "memo"}  # a new agent has these already, or makes them when needed
+GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis does
 
 DAMAGED = (
     ValueError,
@@ -150,11 +151,11 @@ def _join(name: str, key: Hashable) -> str:
 
 
 def _outline(arrays: Arrays) -> dict[str, tuple]:
-    """What must agree between a file and an agent: names, types and shapes, but for the number of
-    frozen boosters and the length of a text.
+    """What must agree between a file and an agent: names, types and shapes, but for the length of
+    what grows.
     """
     outline = {}
     for name, array in sorted(arrays.items()):
-        shape = array.shape[1:] if name.startswith("ensemble.") else array.shape
+        shape = array.shape[1:] if name.startswith(GROWS) else array.shape
         outline[name] = "text" if array.dtype.kind == "U" else array.dtype.str, shape
     return outline
