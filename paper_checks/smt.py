@@ -33,23 +33,27 @@ def proves(*ids, size, without):
 
 
 def proved(statement, *assumptions):
-    """True if no values of the unknowns meet the assumptions and break the statement."""
-    return _break(statement, assumptions) is None
+    """True if no values of the unknowns meet the assumptions and break the statement.
+
+    Some values must meet the assumptions: of nothing everything is true.
+    """
+    assert _solve(assumptions) is not None, "nothing meets the assumptions"
+    return _solve([*assumptions, z3.Not(statement)]) is None
 
 
 def counterexample(statement, *assumptions):
     """Values that meet the assumptions and break the statement, as a function of unknowns that
     returns Fractions.
     """
-    model = _break(statement, assumptions)
+    model = _solve([*assumptions, z3.Not(statement)])
     assert model is not None, "the statement holds after all"
     return lambda unknown: _fractions(model, unknown)
 
 
-def _break(statement, assumptions):
+def _solve(facts):
     solver = z3.SolverFor("QF_NRA")
     solver.set("timeout", SECONDS * 1000)
-    solver.add(*_flat(assumptions), z3.Not(both(statement)))
+    solver.add(*_flat(facts))
     answer = solver.check()
     assert answer != z3.unknown, f"undecided after {SECONDS} s"
     return solver.model() if answer == z3.sat else None
@@ -142,7 +146,7 @@ class AnyMDP(MDP):
     @property
     def lawful(self):
         """What makes it an MDP: P ≥ 0, which sums to 1 by construction, and 0 ≤ γ < 1."""
-        return [p >= 0 for p in self.P.ravel()] + [0 <= self.discount, self.discount < 1]
+        return [p >= 0 for p in self.P.ravel()] + [self.discount >= 0, self.discount < 1]
 
     def instance(self, found):
         """The MDP of a counterexample, in Fractions."""
