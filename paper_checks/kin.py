@@ -232,6 +232,6 @@ CITATIONS = (
         "K11",
         "section Related Work",
         "Averaged-DQN averages the predictions of independently trained networks",
-        "by its abstract it averages previously learned estimates of Q: one network at earlier times",
+        "by its abstract it averages earlier estimates of Q: one network at several times",
     ),
 )
