@@ -14,22 +14,6 @@ import z3
 from gbdqn_ref.tabular import MDP
 
 SECONDS = 10  # what the solver cannot decide in this time is not claimed
-PROOFS = {}  # id of a claim: (size, what the control leaves out, test), filled by proves()
-
-
-def proves(*ids, size, without):
-    """Mark a test as a proof of what these rows of the ledger say, for every instance of this size.
-
-    Its second half is the negative control: `without` one assumption, or with one term changed, the
-    solver finds a counterexample, which exact fractions confirm.
-    """
-
-    def note(test):
-        for id in ids:
-            PROOFS.setdefault(id, []).append((size, without, test.__name__))
-        return test
-
-    return note
 
 
 def proved(statement, *assumptions):

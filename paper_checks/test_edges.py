@@ -9,6 +9,7 @@ from fractions import Fraction as F
 import gymnasium
 import numpy as np
 import pytest
+from ledger import control
 
 from gbdqn_ref.bellman import epsilon_schedule
 from gbdqn_ref.drift import make
@@ -54,11 +55,13 @@ def test_the_bound_is_attained_for_every_step(alpha):
     assert (bound < 1) == (0 < alpha < 2 / (1 + GAMMA))
 
 
+@control("T1-h")
 def test_edge_a_negative_step_stretches_more():
     """α = −1 on the swap: 1 + |α| + |α| γ = 2.9, where the bound would be 2 − γ = 1.1."""
     assert stretch(swap(), OPPOSITE, F(-1)) == 2 + GAMMA > 2 - GAMMA
 
 
+@control("T1-h")
 def test_edge_in_squares_the_residual_can_grow():
     """The loop with rewards (0, 1) at Q = 0 and α = 1: 1 becomes 2γ²; ‖g‖∞ falls to γ."""
     mdp, Q = loops(0, 1), exact([[0, 0]])
@@ -86,6 +89,7 @@ def test_newtons_direction_passes_a_tie(step):
     assert after == (1 - step) ** 2 * before < before
 
 
+@control("T2-o")
 def test_edge_at_a_tie_the_first_of_the_best_actions_is_not_enough():
     """With π(s) the first action d₀ = γ d₀ = 0 is its slope: E falls to other than (1 − ε)²."""
     mdp, Q, d = newton(F(0))
@@ -94,14 +98,16 @@ def test_edge_at_a_tie_the_first_of_the_best_actions_is_not_enough():
     assert after > F(1, 4) * mdp.bellman_error(Q, EVERYWHERE)
 
 
+@control("T2-o")
 def test_edge_where_mu_leaves_a_pair_out_e_has_another_minimum():
     """μ on a₀ alone: E = 0 at Q = (9, 10), and Q* = (0, 0)."""
     mdp, Q = loops(0, 0), exact([[9, 10]])
     assert mdp.bellman_error(Q, exact([[1, 0]])) == 0 != mdp.bellman_error(Q, EVERYWHERE)
 
 
+@control("T2-o")
 def test_edge_too_long_a_step_lets_another_action_overtake():
-    """Rewards (−0.9, 30), Q = (1, 0): d = (−10, 21.9), so from ε = 1/31.9 on a₁ is the greedy one."""
+    """Rewards (−0.9, 30), Q = (1, 0): d = (−10, 21.9), so from ε = 1/31.9 on a₁ is greedy."""
     mdp, Q, d = loops(F(-9, 10), 30), exact([[1, 0]]), exact([[-10, F(219, 10)]])
     assert (d == mdp.residual(Q) + GAMMA * d[0, 0]).all()
     before = mdp.bellman_error(Q, EVERYWHERE)
@@ -128,6 +134,7 @@ def test_the_distance_to_the_product_tends_to_1():
     assert found == sorted(found) and found[0] > 0.5 and found[-1] > 0.99
 
 
+@control("T3-b")
 def test_edge_errors_that_fade_with_age_keep_a_distance_of_a_quarter():
     """|δ| = e^{−α age}: no m > 0 bounds it, and 0.25 is the largest e^{−x} − e^{−2x}."""
     assert [distance(time_priority(np.arange(n), 0.01)) for n in SIZES] == pytest.approx(
@@ -135,12 +142,14 @@ def test_edge_errors_that_fade_with_age_keep_a_distance_of_a_quarter():
     )
 
 
+@control("T3-b")
 def test_edge_one_error_that_grows_with_the_buffer_takes_all_of_both():
     """|δ| = 1 but for the newest, with N²: no M bounds it, and both put all mass there."""
     found = [distance(np.append(n**2.0, np.ones(n - 1))) for n in SIZES]
     assert found == sorted(found, reverse=True) and found[-1] < 1e-4
 
 
+@control("T3-b")
 @pytest.mark.parametrize(("setting", "limit"), [("rate", 0.2551), ("mix", 0.0)])
 def test_edge_a_rate_that_falls_with_the_buffer_or_no_td_error_at_all(setting, limit):
     """α = 3/N, or β = 0, with |δ| = 1."""
@@ -170,17 +179,20 @@ def test_boosters_that_miss_by_epsilon_end_at_epsilon_over_1_minus_gamma():
     assert errors[-1] == pytest.approx(0.1 / (1 - 0.9), abs=1e-6)
 
 
+@control("T4-d")
 def test_edge_steps_with_a_finite_sum_stop_on_the_way():
     """α_m = 2^{−(m+2)}, ε = 0 and even γ = 0: 77 % of the error stays."""
     left = path(loops(0, gamma=F(0)), exact([[1]]), [F(1, 2 ** (m + 2)) for m in range(1, 60)])
     assert 0.77 < left[0, 0] < 0.771
 
 
+@control("T4-d")
 def test_edge_steps_beyond_1_can_diverge():
     """α = 3/2 on the swap: the error is multiplied by α(1 + γ) − 1 = 1.85 each time."""
     assert abs(path(swap(), OPPOSITE, [F(3, 2)] * 5)).max() == (F(3, 2) * (1 + GAMMA) - 1) ** 5 > 20
 
 
+@control("T4-d")
 def test_edge_a_pair_without_data_keeps_its_error():
     """h = g at a₀ and 0 at a₁, which is the greedy action: (0, 10) ends at (9, 10), Q* = (0, 0)."""
     end = path(loops(0, 0), exact([[0, 10]]), [F(1)] * 5, data=exact([[1, 0]]))
@@ -200,6 +212,7 @@ def test_how_much_of_hopper_is_learnt_depends_on_the_length_of_an_episode(
     assert 5_000 // length == first_update
 
 
+@control("X5")
 def test_edge_from_25_steps_on_the_second_drift_finds_an_agent_that_learns():
     """At 24 steps the first update comes after the drift of episode 200, at 26 before it; and only
     below 100 steps does a window of 50,000 hold all of the run.
@@ -232,6 +245,7 @@ def test_random_actions_reach_the_printed_means():
     assert PRINTED[0] < mean and PRINTED[1] < mean + 2 * error and error < 1
 
 
+@control("X6")
 def test_edge_the_first_twenty_episodes_say_the_opposite():
     """Their mean is below all five printed ones: too few returns whose spread is their mean."""
     rng = np.random.default_rng(0)
@@ -239,6 +253,7 @@ def test_edge_the_first_twenty_episodes_say_the_opposite():
     assert mean < PRINTED[0]
 
 
+@control("X6")
 def test_edge_under_seven_other_actions_random_is_far_below():
     """All three motors at full torque at once, seven of the eight corners: 5.7."""
     rng = np.random.default_rng(0)

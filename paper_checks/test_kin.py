@@ -12,13 +12,10 @@ from itertools import islice, pairwise
 import numpy as np
 import pytest
 from kin import (
-    BREAKS,
     GAMMA,
-    ROWS,
     boosted_curriculum,
     boosted_fqi,
     boosters,
-    breaks,
     drifted,
     frozen,
     ideal_basis,
@@ -27,9 +24,8 @@ from kin import (
     live,
     moved_goal,
     plasticity_injection,
-    row,
-    tells,
 )
+from ledger import claim, control, shows
 
 from gbdqn_ref.config import Config
 from gbdqn_ref.gbdqn import GBDQN
@@ -50,13 +46,7 @@ def exactly(mdp, Q):
     return MDP(P, r, F(99, 100)), Q
 
 
-@row(
-    "K1",
-    place="Algorithm 1",
-    says="to the letter with α = 1 it is boosted fitted Q-iteration (Tosatto et al. 2017)",
-    verdict="holds if each pair of (s, a) is in the data and the fits are exact",
-    uses="tabular.MDP.residual",
-)
+@claim("K1")
 @pytest.mark.parametrize("goal", [WALL, ABSORBING])
 def test_algorithm_1_is_boosted_fitted_q_iteration(goal):
     mdp, Q = moved_goal(goal)
@@ -64,10 +54,10 @@ def test_algorithm_1_is_boosted_fitted_q_iteration(goal):
     assert (after(frozen, *world, 6) == after(boosted_fqi, *world, 6)).all()
     counts = boosters(boosted_fqi, mdp, Q)
     assert counts == boosters(frozen, mdp, Q) == (18, 449)
-    tells("ten rooms: the right policy after {} boosters, 1 % of the error after {}", *counts)
+    shows("ten rooms: the right policy after {} boosters, 1 % of the error after {}", *counts)
 
 
-@breaks("K1")
+@control("K1")
 @pytest.mark.parametrize(("goal", "counts"), [(WALL, (129, 4526)), (ABSORBING, (128, 4503))])
 def test_control_with_shrinkage_it_is_another_procedure(goal, counts):
     mdp, Q = moved_goal(goal)
@@ -78,15 +68,7 @@ def test_control_with_shrinkage_it_is_another_procedure(goal, counts):
     assert boosters(damped, mdp, Q, most=4600) == counts
 
 
-@row(
-    "K2",
-    place="Algorithm 1",
-    says="the live target's booster is the ideal basis function of Sun et al. 2011",
-    verdict=(
-        "holds if one policy is evaluated; that of the greedy policy, repeated, is policy iteration"
-    ),
-    uses="tabular.MDP.residual, tabular.MDP.q_star",
-)
+@claim("K2")
 @pytest.mark.parametrize("seed", range(5))
 def test_the_live_booster_is_the_value_of_the_error(seed):
     """One action per state: h is the value function of the MDP whose rewards are the residual."""
@@ -96,10 +78,10 @@ def test_the_live_booster_is_the_value_of_the_error(seed):
     h = MDP(P, mdp.residual(Q), GAMMA).q_star()
     np.testing.assert_allclose(Q + h, next(live(mdp, Q)), atol=1e-8)
     np.testing.assert_allclose(Q + h, next(ideal_basis(mdp, Q)), atol=1e-8)
-    tells("random chains of {} states: one booster, and no error", len(Q))
+    shows("random chains of {} states: one booster, and no error", len(Q))
 
 
-@breaks("K2")
+@control("K2")
 def test_control_with_a_choice_of_actions_the_values_of_the_error_do_not_add_up():
     """Two actions: max(Q + h) is not max Q + max h, so the error's own Q* is no longer what is
     missing; a live target finds it, and evaluating the greedy policy takes ten rounds or eleven.
@@ -114,13 +96,7 @@ def test_control_with_a_choice_of_actions_the_values_of_the_error_do_not_add_up(
     ]
 
 
-@row(
-    "K3",
-    place="Algorithm 1",
-    says="with a live target and α = 1 it is boosted curriculum RL (Klink et al. 2022)",
-    verdict="holds if a drift is a task; the backups are then spent on fits inside one booster",
-    uses="tabular.MDP.bellman, tabular.MDP.q_star",
-)
+@claim("K3")
 @pytest.mark.parametrize("goal", [WALL, ABSORBING])
 def test_the_live_reading_is_boosted_curriculum_rl(goal):
     """Fit k of 𝒯(Q + h) − Q makes 𝒯^k Q of Q + h, as k boosters do; its limit is the new Q*."""
@@ -132,10 +108,10 @@ def test_the_live_reading_is_boosted_curriculum_rl(goal):
     np.testing.assert_allclose(
         after(boosted_curriculum, mdp, Q, 3000), next(live(mdp, Q)), atol=1e-9
     )
-    tells("ten rooms: one booster, with {} fits inside it to the right policy, {} to 1 %", *fits)
+    shows("ten rooms: one booster, with {} fits inside it to the right policy, {} to 1 %", *fits)
 
 
-@breaks("K3")
+@control("K3")
 def test_control_if_the_booster_does_not_bootstrap_with_itself_one_is_not_enough():
     """The letter: 𝒯Q − Q in the place of 𝒯(Q + h) − Q, and no fit after the first changes h."""
     mdp, Q = moved_goal(ABSORBING)
@@ -156,16 +132,7 @@ def booster_added(zero_output):
     return before, agent.q(states)
 
 
-@row(
-    "K4",
-    place="Algorithm 1",
-    says=(
-        "plasticity injection (Nikishin et al. 2023) is the live reading whose new network changes"
-        " nothing at first"
-    ),
-    verdict="holds if boosters start as the zero function (D11); the paper does not say",
-    uses="gbdqn.GBDQN.on_drift",
-)
+@claim("K4")
 @pytest.mark.parametrize("seed", range(5))
 def test_plasticity_injection_is_the_live_reading_from_a_zero_booster(seed):
     """Q + h − h′ is Q at once, whatever h starts as; then it goes through the fits of K3."""
@@ -176,10 +143,10 @@ def test_plasticity_injection_is_the_live_reading_from_a_zero_booster(seed):
     np.testing.assert_allclose(injected[18], after(boosted_curriculum, mdp, Q, 18), atol=1e-9)
     before, later = booster_added(zero_output=True)
     assert (before == later).all()
-    tells("the package's Q on {} states is the same to the bit", len(before))
+    shows("the package's Q on {} states is the same to the bit", len(before))
 
 
-@breaks("K4")
+@control("K4")
 def test_control_a_booster_with_random_output_changes_q_at_once():
     before, later = booster_added(zero_output=False)
     assert np.abs(later - before).max() > 0.01
@@ -191,13 +158,7 @@ def medians(procedure, most=600):
     return np.median(counts, axis=0).tolist(), counts
 
 
-@row(
-    "K5",
-    place="Algorithm 1",
-    says="Krylov–Bellman boosting (Xia and Wainwright 2023) cures one backup per booster",
-    verdict="holds if values are meant; the right policy may come later than without it",
-    uses="tabular.MDP.residual",
-)
+@claim("K5")
 def test_refitting_all_weights_cures_the_value_and_not_the_policy():
     """Their paper evaluates policies; one refit per booster under the greedy policy is ours. Twenty
     pairs have at most twenty features, and that many it needs where the goal absorbs.
@@ -208,14 +169,14 @@ def test_refitting_all_weights_cures_the_value_and_not_the_policy():
     (policy_letter, value_letter), letter = medians(frozen)
     assert (policy, value) == (14, 15.5) and (policy_letter, value_letter) == (7, 439.5)
     assert (counts[:, 1] < letter[:, 1] / 10).all() and counts[:, 1].max() == 18
-    tells(
+    shows(
         "medians of {}: 1 % of the error after {} boosters, to the letter {}; right policy {}, {}",
         len(counts),
         *(value, value_letter, policy, policy_letter),
     )
 
 
-@breaks("K5")
+@control("K5")
 @pytest.mark.parametrize("goal", [WALL, ABSORBING])
 def test_control_with_weights_of_1_it_is_one_backup_per_booster(goal):
     """The same features, not refitted: the sum of the residuals, which is the letter (K1)."""
@@ -223,13 +184,7 @@ def test_control_with_weights_of_1_it_is_one_backup_per_booster(goal):
     assert boosters(boosted_fqi, mdp, Q)[1] > 20 * boosters(krylov, mdp, Q)[1]
 
 
-@row(
-    "K6",
-    place="Algorithm 1",
-    says="K heads in a chain (iterated Q-networks, Vincent et al. 2025) make K backups per stage",
-    verdict="holds if the whole window moves on; rolling by one head, K once, then one per stage",
-    uses="tabular.MDP.bellman",
-)
+@claim("K6")
 @pytest.mark.parametrize("goal", [WALL, ABSORBING])
 def test_a_chain_of_heads_makes_as_many_backups(goal):
     mdp, Q = moved_goal(goal)
@@ -238,10 +193,10 @@ def test_a_chain_of_heads_makes_as_many_backups(goal):
     rolling = [boosters(partial(iterated, heads=K, roll=True), mdp, Q, 40)[0] for K in heads]
     assert stages == [-(-18 // K) for K in heads] == [18, 9, 6, 4, 2, 1]
     assert rolling == [18 - K + 1 for K in heads]
-    tells("ten rooms, K = {}: the right policy after {} stages, rolling {}", heads, stages, rolling)
+    shows("ten rooms, K = {}: the right policy after {} stages, rolling {}", heads, stages, rolling)
 
 
-@breaks("K6")
+@control("K6")
 def test_control_heads_that_share_one_target_make_one_backup():
     """Were each head's target the first head, all would be 𝒯Q: an ensemble."""
     mdp, Q = moved_goal(WALL)
@@ -250,26 +205,17 @@ def test_control_heads_that_share_one_target_make_one_backup():
     assert np.abs(last - mdp.bellman(Q)).max() > 0.5
 
 
-@row(
-    "K7",
-    place="section Related Work",
-    says="boosting for Q-functions rebuilds the whole ensemble at each update",
-    verdict=(
-        "fails: boosted fitted Q-iteration adds one fit and keeps the rest; neural fitted Q, which"
-        " is cited for it, does refit its one network"
-    ),
-    uses="tabular.MDP.residual",
-)
+@claim("K7")
 def test_boosted_fitted_q_iteration_adds_one_fit_at_a_time():
     """What each step adds is the residual of the step before, and nothing else has moved."""
     mdp, Q = exactly(*moved_goal(WALL))
     path = [Q, *islice(boosted_fqi(mdp, Q), 6)]
     for before, later in pairwise(path):
         assert (later - before == mdp.residual(before)).all()
-    tells("{} steps, each adds the last residual, exactly", len(path) - 1)
+    shows("{} steps, each adds the last residual, exactly", len(path) - 1)
 
 
-@breaks("K7")
+@control("K7")
 def test_control_refitted_weights_do_change_what_was_there():
     """Krylov–Bellman boosting does rebuild the sum: what a step adds is not along the residual."""
     mdp, Q = moved_goal(WALL)
@@ -277,7 +223,3 @@ def test_control_refitted_weights_do_change_what_was_there():
     g, change = mdp.residual(first).ravel(), (second - first).ravel()
     cosine = abs(g @ change) / np.linalg.norm(g) / np.linalg.norm(change)
     assert cosine < 0.99
-
-
-def test_every_row_has_a_negative_control():
-    assert ROWS.keys() == BREAKS
