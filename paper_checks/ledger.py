@@ -185,7 +185,7 @@ def shows(template, *values):
     test, figure = current.originalname.removeprefix("test_"), Figure().format(template, *values)
     FIGURES.setdefault(id, {})[test] = figure
     if not current.config.getoption("--ledger"):
-        known = committed()[id]["figures"].get(test)
+        known = committed().get(id, {"figures": {}})["figures"].get(test)
         assert known == figure, "ledger.json has another figure; write it with --ledger"
 
 

@@ -25,8 +25,8 @@ def write(figures):
 def renewed(page, content):
     """The page with what stands between its marks written anew.
 
-    >>> renewed("a <!-- coverage --> b <!-- /coverage --> c", {"claims": [], "coverage": []})[-27:]
-    '<!-- /coverage --> c'
+    >>> renewed("a <!-- claims --> b <!-- /claims --> c", {"claims": [], "coverage": []})
+    'a <!-- claims -->\\n\\n\\n<!-- /claims --> c'
     """
     for name, text in blocks(content).items():
         begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
@@ -84,7 +84,8 @@ def table(rows):
 def section(row):
     """All that the ledger knows of a claim, under its anchor."""
     text = f'<a id="{row["id"].lower()}"></a>\n\n#### {row["id"]} · {row["claim"]}\n\n'
-    lines = [f"{row['place']}: **{row['verdict']}**"]
+    text += f"{row['place']}: **{row['verdict']}**\n\n"
+    lines = []
     for name, title in list(ledger.FIELDS.items())[3:]:
         if name in row and name not in ("extent", "uses"):
             lines.append(f"{title}: {filled(row[name], row)}")
