@@ -56,7 +56,7 @@ def test_a_claim_has_the_fields_that_its_verdict_asks_for(row):
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_a_claim_has_a_check_with_a_figure_and_a_negative_control(row):
-    """Each of its checks shows a figure, and only what cannot be checked, or is conceded, has none."""
+    """Each of its checks shows a figure, and only an unchecked claim has none."""
     assert list(row["figures"]) == [check.split("::")[1] for check in row["checks"]]
     if row["verdict"] not in ledger.UNCHECKED:
         assert row["checks"] and row["controls"]
