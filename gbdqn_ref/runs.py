@@ -192,7 +192,7 @@ def _draw(config: Config, level: float, out: Path) -> None:
     """curve.png; a picture that fails is told in one line, and costs nothing else."""
     records, path = read_episodes(out), out / "curve.png"
     try:
-        plots.learning_curves({config.agent: records}, config, level, path)
+        plots.save(plots.learning_curves({config.agent: records}, config, level), path)
     except Exception as e:  # LaTeX, fonts, a full disk: each fails in its own way
         reason = f"{type(e).__name__}: {e}".splitlines()[0]
         print(

@@ -9,12 +9,15 @@ random): 0 is the random policy, 1 the mean of the 20 episodes before the drift.
 raw return would change sign where returns are negative.) Averages of nothing are refused.
 """
 
+from collections.abc import Mapping, Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
 
 from . import UsageError
 
+Rows = Sequence[Mapping[str, Any]]  # the records of a run, or the summaries of some runs
 EDGE = 20  # episodes at a regime's start, and before it
 WINDOW = 10  # episodes of the trailing mean that shows a recovery
 RECOVERED = 0.9  # the level at which a regime counts as recovered
@@ -126,6 +129,16 @@ def paired_difference(x, y, rng, **options):
     if x.shape != y.shape or x.ndim != 1:
         raise UsageError(f"a pair needs one result per seed from both, not {x.shape} and {y.shape}")
     return (float(iqm(x - y)), *bootstrap_interval(x - y, rng, **options))
+
+
+def same_seeds(runs: Rows, others: Rows) -> tuple[np.ndarray, np.ndarray]:
+    """The final returns of two agents' summaries, paired by seed: two arrays (seeds,).
+
+    Seeds that only one of them has are left out.
+    """
+    ours, theirs = ({run["seed"]: run["final_return"] for run in each} for each in (runs, others))
+    seeds = sorted(ours.keys() & theirs.keys())
+    return np.array([ours[seed] for seed in seeds]), np.array([theirs[seed] for seed in seeds])
 
 
 def mean_std(x):
