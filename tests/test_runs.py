@@ -294,7 +294,8 @@ def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undistu
     assert runs.read_config(tmp_path) == config_of(agent)
     assert content["config"] == config_of(agent).to_dict()
     assert content["config"]["replay"] is None
-    assert content["own"] == {"replay": {"gbdqn": "recency", "dqn": "proportional"}[agent]}
+    assert content["own"]["replay"] == {"gbdqn": "recency", "dqn": "proportional"}[agent]
+    assert Config.from_dict(content["config"] | content["own"]) == config_of(agent).resolved()
     assert {"versions": content["versions"], "code": content["code"]} == provenance.of(
         config_of(agent)
     )
