@@ -459,8 +459,8 @@ def test_a_sign_flip_test_enumerates():
 
 def test_a_margin_has_to_be_exceeded():
     x = [11.0, 12.0, 13.0, 9.5, 14.0, 12.5, 11.5, 13.5]
-    ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 10.0, 13.0)]
-    assert ps[0] < ps[1] < 0.05 < 0.9 < ps[2]
+    ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 12.0, 13.0)]
+    assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]
 
 
 def test_the_smallest_p_is_not_0():
@@ -468,10 +468,9 @@ def test_the_smallest_p_is_not_0():
     assert p == 0.01
 
 
-@pytest.mark.parametrize("n", [5, 20])
-def test_a_true_null_is_rejected_as_often_as_stated(n):
+def test_a_true_null_is_rejected_as_often_as_stated():
     rng = np.random.default_rng(0)
-    ps = np.array([sign_flip_test(rng.normal(size=n), rng, flips=400) for _ in range(800)])
+    ps = np.array([sign_flip_test(rng.normal(size=20), rng, flips=400) for _ in range(800)])
     assert [np.mean(ps <= level) for level in (0.05, 0.2)] == pytest.approx([0.05, 0.2], abs=0.03)
 
 
