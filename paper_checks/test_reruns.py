@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 import reruns
-from test_experiments import TABLES, mean_return
+from paper import TABLES
+from worlds import mean_return
 
 from gbdqn_ref import runs
 from gbdqn_ref.config import Config
@@ -39,6 +40,7 @@ SECTIONS = ["ingredients", *reruns.STUDIES, *(f"{study}-readings" for study in r
 
 
 def section_table(section):
+    """The table of a section of the page, as Markdown."""
     if section == "ingredients":
         return reruns.ingredients()
     if section.endswith("-readings"):
@@ -56,6 +58,7 @@ def settings(study, **changes):
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_the_page_has_the_table_that_the_results_give(section, request):
+    """--ledger writes it there."""
     begin, end = f"<!-- {section} -->\n\n", f"\n<!-- end of {section} -->"
     page, text = PAGE.read_text(encoding="utf-8"), section_table(section)
     if request.config.getoption("--ledger"):
@@ -80,6 +83,7 @@ def test_the_results_are_those_of_the_preset(study):
 
 @pytest.mark.parametrize(("study", "name"), OTHERS)
 def test_the_readings_differ_from_the_preset_by_what_they_say(study, name):
+    """Their settings are the preset\'s with these changes, and their seeds the same."""
     results = reruns.stored(f"{study}-{name}")
     assert results["settings"] == settings(study, **reruns.READINGS[study][name])
     assert (
@@ -101,7 +105,7 @@ def test_the_longer_hopper_has_something_to_lose_at_its_first_drift():
         ]
         for agent in ("dqn", "random")
     }
-    nothing = mean_return(lambda: 0, episodes=5)
+    nothing = mean_return("hopper", lambda: 0, episodes=5)
     assert min(before["dqn"]) > 1.4 * nothing and nothing > 5 * max(before["random"])
     figures = "{:.0f}, {:.0f} and {:.0f}".format(*before["dqn"])
     assert figures in (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
@@ -150,7 +154,7 @@ def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
 
 
 def test_control_the_record_has_more_than_what_precedes_learning():
-    """Negative control: another seed of the network's generator gives other lines, before and after
+    """Another seed of the network's generator gives other lines, before and after
     learning starts.
     """
     stored = runs.read_json(SHORT, "config", "episodes.csv")
@@ -160,7 +164,7 @@ def test_control_the_record_has_more_than_what_precedes_learning():
 
 
 def test_control_the_table_changes_with_a_result():
-    """Negative control: one other final return, and the page would have to say something else."""
+    """One other final return, and the page would have to say something else."""
     results = json.loads(json.dumps(reruns.stored("acrobot")))
     before = reruns.table(results, {})
     results["runs"][0]["final_return"] += 10
