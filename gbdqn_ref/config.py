@@ -48,6 +48,7 @@ SIGNALS = ("schedule", *DETECTED)
 COUNT = whole(1, 10_000_000)
 FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, (-0.01, 1.01, inf))
 POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, (0.0, -1e-9, inf))
+NORM = Rule("a positive number up to 1e6", lambda x: 0 < x <= 1e6, (0.0, -1e-9, 1.1e6, inf))
 NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, (-1e-9, inf))
 DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, (1.0, -0.1, inf))
 PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, (0.0, 1.01))
@@ -58,9 +59,9 @@ WIDTHS = Rule(
     ([0], [-3], [1.5], ["8"], [True], [8, None], [4097], [[8]]),
 )
 STEP_SIZE = Rule(
-    'a positive finite number or "closed-form"',
-    lambda a: a == "closed-form" if isinstance(a, str) else isfinite(a) and a > 0,
-    (0.0, -1e-9, inf, "closed"),
+    'a positive number up to 1e6 or "closed-form"',
+    lambda a: a == "closed-form" if isinstance(a, str) else 0 < a <= 1e6,
+    (0.0, -1e-9, 1.1e6, inf, "closed"),
 )
 SIGNAL = Rule(
     '"schedule", "return", "td_error" or a list of increasing episodes',
@@ -110,7 +111,7 @@ class Config:
     """Widths of the hidden layers; [] is a linear network, hence a table on one-hot states."""
     lr: Annotated[float, POSITIVE] = 1e-3
     """Adam's step size."""
-    max_grad_norm: Annotated[float, POSITIVE] = 10.0
+    max_grad_norm: Annotated[float, NORM] = 10.0
     """Longer gradients are scaled down to this norm."""
     batch_size: Annotated[int, COUNT] = 64
     """Transitions per update."""

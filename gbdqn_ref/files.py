@@ -25,6 +25,18 @@ def write_atomically(path: Path | str, write: Callable[[IO[bytes]], Any]) -> Non
     os.replace(temporary, path)
 
 
+def check_picture(path: Path | str, ending: str) -> None:
+    """UsageError if a picture of this kind cannot be written there."""
+    path = Path(path)
+    if path.is_dir():
+        raise UsageError(
+            f"{path} is a folder; --out is the file that takes the picture, like"
+            f" {path / 'picture'}{ending}"
+        )
+    if path.suffix.lower() != ending:
+        raise UsageError(f"the picture is written as {ending}, so --out cannot be {path}")
+
+
 def write_json(path: Path | str, content: Any) -> None:
     """Write plain JSON, atomically, the same bytes for the same content."""
     text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"

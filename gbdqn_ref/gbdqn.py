@@ -117,9 +117,9 @@ class GBDQN(DQN):
             # P · w: drawn by P, weighted by w
             weights = (len(slots) * replay.probabilities()) ** (1 - c.is_exponent)
             self.alpha = closed_form_alpha(y - self.q_frozen[slots], h, weights)
+        self.ensemble.add(self.theta, self.alpha, carried)
         self.q_frozen[slots] += (self.alpha - carried) * h
         self.q_frozen_next[slots] += (self.alpha - carried) * h_next
-        self.ensemble.add(self.theta, self.alpha, carried)
         self.memo = np.empty(0), np.empty(0)
 
     def _predict(self, x, rows=1024):

@@ -75,7 +75,7 @@ def _train(config, out, quiet):
         agent = agent.finish()
         checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
     records, level = read_episodes(out), random_return(config)
-    plots.learning_curves({config.agent: records}, config, level, out / "curve.png")
+    plots.save(plots.learning_curves({config.agent: records}, config, level), out / "curve.png")
     write_json(out / "summary.json", summarise(config, agent, records, level))
 
 

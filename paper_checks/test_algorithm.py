@@ -182,7 +182,7 @@ def test_the_policy_waits_for_the_last_line():
     during = set(policies(agent, updates))
     assert during == {0.5}
     np.testing.assert_allclose(agent.net.forward(agent.theta, STATE[None])[0][0], NEW, atol=0.002)
-    agent.on_drift("end")
+    agent = agent.finish()
     folded = better(agent)
     assert folded == pytest.approx(1 / (1 + np.exp(-1)), abs=1e-3)
     shows(
@@ -222,7 +222,7 @@ def one_call(target, steps=4000, lottery=1):
         agent.observe(ONE_HOT[s], a, r, ONE_HOT[NEXT[s, a]], False)
         agent.learn()
         s = NEXT[s, a]
-    agent.on_drift("end")
+    agent = agent.finish()
     return before, agent.q(ONE_HOT), triangle(NEW_REWARDS)
 
 

@@ -14,9 +14,10 @@ from ledger import also, claim, control, shows
 from paper import RUNS, TABLES
 from worlds import mean_return
 
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.bellman import epsilon_schedule, softmax_policy
 from gbdqn_ref.config import Config
-from gbdqn_ref.drift import check_schedule
+from gbdqn_ref.schedule import regimes
 from gbdqn_ref.stats import final_return
 
 OTHERS = ("DQN", "Ensemble", "Reset", "Sliding")
@@ -387,20 +388,21 @@ def test_control_over_episodes_nothing_follows():
         "ambiguous: the last event restores the stock physics, so it measures what is left of the"
         " first task"
     ),
-    uses="drift.check_schedule, config.Config.preset",
+    uses="schedule.regimes, config.Config.preset",
 )
 def test_the_last_regime_is_the_first_one():
     """On Acrobot and MountainCar, for at least the 50 episodes of the final return."""
     for env in ("acrobot", "mountaincar"):
         config = Config.preset(env)
-        (_, first, _), (drift, *_), *_, (start, last, event) = check_schedule(env, config.schedule)
-        assert (last, event) == (first, "reset") and config.episodes - start >= 50
+        first, drift, *_, last = config.regimes
+        assert (last.factors, last.event) == (first.factors, "reset")
+        assert last.end - last.start >= 50
     shows(
         "the last {} of {} episodes have the physics of the first {}, and GB-DQN adds no booster"
         " there",
-        config.episodes - start,
-        config.episodes,
-        drift,
+        last.end - last.start,
+        last.end,
+        drift.start,
     )
 
 
@@ -408,8 +410,8 @@ def test_the_last_regime_is_the_first_one():
 def test_control_without_the_reset_the_last_regime_is_another():
     """Without the last event the run ends in a regime that the agent had to adapt to."""
     *schedule, _ = Config.preset("acrobot").schedule
-    (_, first, _), *_, (_, last, event) = check_schedule("acrobot", schedule)
-    assert (last, event) != (first, "reset") and last != first
+    first, *_, last = regimes("acrobot", schedule)
+    assert last.event != "reset" and last.factors != first.factors
 
 
 @claim(
@@ -425,7 +427,7 @@ def test_control_without_the_reset_the_last_regime_is_another():
 def test_the_replay_is_confounded_with_the_method():
     """Of the five methods as the package runs them, GB-DQN alone has another replay."""
     replays = {
-        agent: Config(agent=agent).replay
+        agent: Config(agent=agent).resolved().replay
         for agent in ("gbdqn", "dqn", "ensemble", "reset", "sliding")
     }
     assert replays.pop("gbdqn") == "recency"
@@ -436,8 +438,8 @@ def test_the_replay_is_confounded_with_the_method():
 @control("X10")
 def test_control_the_controls_separate_the_two():
     """DQN with GB-DQN's replay, and GB-DQN with DQN's, differ in one thing only."""
-    assert Config(agent="dqn-recency").replay == Config(agent="gbdqn").replay
-    assert Config(agent="gbdqn-per").replay == Config(agent="dqn").replay
+    own = {agent: Config(agent=agent).resolved().replay for agent in AGENTS}
+    assert own["dqn-recency"] == own["gbdqn"] != own["gbdqn-per"] == own["dqn"]
 
 
 def better_by_softmax(gap, temperature):

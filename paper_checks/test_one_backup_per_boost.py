@@ -38,7 +38,7 @@ def after_drift(drifts=1, **reading):
     for _ in range(drifts):
         agent.on_drift("drift")
         live_through(agent, NEW_REWARDS)
-    agent.on_drift("end")
+    agent = agent.finish()
     return before, agent.q(ONE_HOT), len(agent.ensemble), triangle(NEW_REWARDS)
 
 

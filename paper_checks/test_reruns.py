@@ -11,9 +11,10 @@ import reruns
 from paper import TABLES
 from worlds import mean_return
 
-from gbdqn_ref import runs
+from gbdqn_ref import files, runs
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
-from gbdqn_ref.train import AGENTS, run
+from gbdqn_ref.train import run
 
 PAGE = reruns.FOLDER / "README.md"
 SHORT = reruns.FOLDER / "short.json"
@@ -30,6 +31,7 @@ PRINTED = {
     "hopper": "Hopper",
 }  # study: the paper's table
 OTHERS = [(study, name) for study, readings in reruns.READINGS.items() for name in readings if name]
+COMPARED = [agent for agent in AGENTS if not agent.endswith("-reuse")]
 CONTROLLED = ["gbdqn", "dqn", "random", "dqn-recency", "gbdqn-per"]
 PART = {  # study: its agents and how many seeds, where they are not all and five
     "hopper-long": (CONTROLLED, 3),
@@ -52,8 +54,8 @@ def section_table(section):
 
 def settings(study, **changes):
     """The settings of a study's preset as results.json has them."""
-    values = Config.preset(*reruns.STUDIES[study], **changes).to_dict()
-    return {key: values[key] for key in values if key not in ("agent", "seed", "replay")}
+    values = Config.preset(*reruns.STUDIES[study], **changes).resolved().to_dict()
+    return {key: values[key] for key in reruns.stored(study)["settings"]}
 
 
 @pytest.mark.parametrize("section", SECTIONS)
@@ -73,7 +75,7 @@ def test_the_page_has_the_table_that_the_results_give(section, request):
 def test_the_results_are_those_of_the_preset(study):
     """All agents that were promised, all seeds, every setting as Config.preset has it today."""
     results = reruns.stored(study)
-    agents, seeds = PART.get(study, (AGENTS, 5))
+    agents, seeds = PART.get(study, (COMPARED, 5))
     assert results["settings"] == settings(study)
     assert results["seeds"] == list(range(seeds)) and set(results["agents"]) == set(agents)
     assert sorted((row["agent"], row["seed"]) for row in results["runs"]) == sorted(
@@ -141,9 +143,9 @@ def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
         "episodes.csv": csv.splitlines(),
     }
     if request.config.getoption("--ledger"):
-        runs.write_json(SHORT, made)
-    stored = runs.read_json(SHORT, *made)
-    assert stored["config"] == made["config"]
+        files.write_json(SHORT, made)
+    stored = files.read_json(SHORT, *made)
+    assert Config.from_dict(stored["config"]).resolved() == config.resolved()
     untaught = sum(
         int(line.split(",")[5]) < config.learning_starts for line in made["episodes.csv"][1:]
     )
@@ -157,7 +159,7 @@ def test_control_the_record_has_more_than_what_precedes_learning():
     """Another seed of the network's generator gives other lines, before and after
     learning starts.
     """
-    stored = runs.read_json(SHORT, "config", "episodes.csv")
+    stored = files.read_json(SHORT, "config", "episodes.csv")
     other = list(run(Config.from_dict(stored["config"] | {"seed": 2})))
     returns = [float(line.split(",")[3]) for line in stored["episodes.csv"][1:]]
     assert [record["return"] for record in other[:5]] != returns[:5]

@@ -37,7 +37,7 @@ configs = st.builds(
     replay=st.sampled_from([None, "uniform", "proportional", "recency"]),
     normalise=st.sampled_from(["batch", None]),
     target=st.sampled_from(["live", "frozen"]),
-    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e9), st.integers(1, 9)),
+    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e6), st.integers(1, 9)),
     zero_output=st.booleans(),
 )
 
@@ -293,14 +293,15 @@ EDGES = {  # the outermost values that are right
     "hidden": ((1, 4096), ()),
     "replay": (None, "uniform", "proportional", "recency"),
     "normalise": ("batch", None),
-    "alpha": (1e-9, 1e9, "closed-form", None),
+    "alpha": (1e-9, 1e6, "closed-form", None),
     "keep_data": (0.0, 1.0, None),
     "drift_signal": ("schedule", "return", "td_error", [], [0, 3], None),
     "members": (1, 100),
+    "max_grad_norm": (1e-9, 1e6),
     "bootstrap": (1e-9, 1.0),
     **dict.fromkeys(("episodes", "batch_size", "capacity", "window"), (1, 10_000_000)),
     **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), (0.0, 1.0)),
-    **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), (1e-9, 1e9)),
+    **dict.fromkeys(("lr", "temperature", "priority_offset"), (1e-9, 1e9)),
     **dict.fromkeys(("recency_rate", "priority_exponent"), (0.0, 1e9)),
 }
 
