@@ -2,7 +2,7 @@
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman,
 boosting, replay, tabular, dqn, gbdqn, baselines, agents, schedule, physics, drift, presets, config,
-stats, train, files, checkpoint, plots, runs, study, effect, watch, tables, __main__.
+stats, train, files, checkpoint, plots, runs, workers, study, effect, watch, tables, __main__.
 """
 
 # Freed at once: from then on glibc keeps freed memory for reuse instead of unmapping it each time.
@@ -17,3 +17,11 @@ class UsageError(ValueError):
 
 class DivergenceError(ArithmeticError):
     """A loss or a parameter is not finite; the message says where, and which setting to change."""
+
+
+class StudyError(RuntimeError):
+    """Some runs of a study failed, and all others are complete; `errors` is {name: error}."""
+
+    def __init__(self, errors: dict[str, str]) -> None:
+        self.errors = errors
+        super().__init__("; ".join(f"{name}: {error}" for name, error in errors.items()))

@@ -7,6 +7,7 @@ constants, so no call builds on an earlier one. It takes the unwrapped environme
 on a wrapper has no effect) and writes to the instance.
 """
 
+import os
 from functools import cache
 from math import copysign, cos, fmod, pi, sin
 
@@ -144,7 +145,7 @@ class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
 
 gymnasium.register(
     "gbdqn_ref/Hopper-v5",
-    "gymnasium.envs.mujoco.hopper_v5:HopperEnv",
+    "gbdqn_ref.physics:hopper",
     max_episode_steps=1000,
     reward_threshold=3800.0,
     additional_wrappers=(SevenActions.wrapper_spec(),),
@@ -198,7 +199,6 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     Inertia scales with mass, as it would with density. A contact slides by the larger friction of
     the two surfaces, so that the floor's alone would change nothing: the foot has twice as much.
     """
-    # here, since only Hopper needs it and it takes as long as all other imports together
     import mujoco
 
     model, stock = env.model, _stock_hopper(env.fullpath)
@@ -215,6 +215,26 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     model.stat.meaninertia = (
         model.dof_M0.mean()
     )  # the tolerance of the contact solver is relative to this one
+
+
+def hopper(**options):
+    """Gymnasium's Hopper; unless it is to be drawn, MUJOCO_GL may name a renderer that is missing.
+
+    MuJoCo is imported here, since only Hopper needs it and that takes as long as all other imports.
+    """
+    renderer = os.environ.get("MUJOCO_GL", "")
+    try:
+        import mujoco
+    except Exception:  # of a kind that depends on the renderer
+        if options.get("render_mode"):
+            raise
+        os.environ["MUJOCO_GL"] = "off"
+        import mujoco  # noqa: F401
+
+        os.environ["MUJOCO_GL"] = renderer
+    from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
+
+    return HopperEnv(**options)
 
 
 @cache

@@ -85,7 +85,11 @@ def _train_on(config, agent, first, out, quiet):
     with (
         open(out / "episodes.csv", "a", newline="", encoding="utf-8") as file,
         tqdm(
-            total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet
+            total=config.episodes,
+            initial=first,
+            unit="ep",
+            desc=config.agent,
+            disable=quiet or None,
         ) as bar,
     ):
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
