@@ -26,7 +26,7 @@ from .stats import Rows
 
 MOST_RUNS, MOST_JOBS = 10_000, 1_000
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]{0,198}[A-Za-z0-9])?")
-FREE = ("agent", "seed", *OWN)  # settings that are stated for each run, though all may agree
+EACH = ("agent", "seed", "replay")  # stated for each run, even if all agree
 
 
 def grid(configs: Mapping[str, Config], seeds: Sequence[int]) -> dict[str, Config]:
@@ -103,7 +103,8 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
     begun = [name for name in configs if (out / name / "config.json").exists()]
     if (out / "study.json").exists():
         known = files.read_json(out / "study.json", "settings")["settings"]
-        _refuse_others(out, known, _description(configs)["settings"])
+        wanted = _description(configs)["settings"]
+        _refuse_others(out, known, {key: wanted[key] for key in wanted if key not in OWN})
     elif out.exists() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(f"{out} is not empty and holds no study; choose another --out")
     for name in begun:
@@ -113,7 +114,7 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
 
 def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """UsageError if two sets of settings differ in one that both of them state."""
-    others = [key for key in wanted if key in known and known[key] != wanted[key]]
+    others = [key for key in wanted.keys() & known.keys() if known[key] != wanted[key]]
     if others:
         raise UsageError(
             f"{out} has other settings ({', '.join(others)}); repeat them or choose another --out"
@@ -127,7 +128,7 @@ def _description(configs: Mapping[str, Config]) -> dict[str, Any]:
     shared = {
         key: value
         for key, value in first.items()
-        if key not in FREE and all(other[key] == value for other in others)
+        if key not in EACH and all(other[key] == value for other in others)
     }
     return {
         "settings": shared,
@@ -203,7 +204,9 @@ def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
     for name, differs in description["runs"].items():
         made_by = files.read_json(out / name / "config.json", "config")
         del made_by["config"]
-        rows.append({"name": name} | differs | made_by | runs.read_summary(out / name))
+        rows.append(
+            {"name": name, "settings": differs} | made_by | runs.read_summary(out / name)
+        )
     return description | {"runs": rows}
 
 

@@ -57,14 +57,14 @@ def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode:
     """The record of one episode of training."""
     seed = episode_seed(config.seed, episode)
     s, info = env.reset(seed=seed, options={"episode": episode})
-    if info["event"]:
-        agent.on_drift(info["event"])
+    if event := announced(agent.config.drift_signal, episode, info["event"]):
+        agent.on_drift(event)
     length, total, deltas, ends = 0, 0.0, [], False
     while not ends:
         a = agent.act(s)
         s2, r, terminated, truncated, info = env.step(a)
         agent.observe(s, a, r, s2, terminated)
-        if agent.steps >= config.learning_starts and agent.steps % config.update_every == 0:
+        if agent.steps >= agent.learning_starts and agent.steps % config.update_every == 0:
             for _ in range(config.gradient_steps):
                 deltas.append(agent.learn())
                 _check_finite(deltas[-1], "TD error")
@@ -84,6 +84,16 @@ def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode:
         "td_error": td_error,
         "evaluation": [],
     }
+
+
+def announced(signal: str | list, episode: int, event: str | None) -> str | None:
+    """What an agent is told as an episode begins: the schedule's event, or "drift" in a list's.
+
+    An agent that looks for drifts itself is told nothing.
+    """
+    if signal == "schedule":
+        return event
+    return "drift" if isinstance(signal, list) and episode in signal else None
 
 
 def _check_finite(values: np.ndarray, what: str) -> None:

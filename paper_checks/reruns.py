@@ -12,7 +12,8 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-from gbdqn_ref import plots
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.schedule import LABELS
 from gbdqn_ref.stats import (
     bootstrap_interval,
     forgetting,
@@ -77,7 +78,7 @@ def table(results, printed):
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
         difference = _difference(final[agent], final["dqn"]) if agent != "dqn" else "0"
         rows.append(
-            [plots.NAMES[agent], paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
+            [AGENTS[agent].label, paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
         )
     return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
@@ -88,7 +89,7 @@ def ingredients():
     for study, (env, preset) in STUDIES.items():
         results = stored(study)
         _, final = _by_agent(results)
-        name = plots.NAMES[env] + (f", {preset}" if preset != "paper" else "")
+        name = LABELS[env] + (f", {preset}" if preset != "paper" else "")
         pairs = [
             _difference(final[added], final[without]) for added, without in INGREDIENTS.values()
         ]

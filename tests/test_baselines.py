@@ -50,7 +50,7 @@ def test_every_agent_can_be_chosen_and_drawn():
     marks, labels = (
         {getattr(agent, what) for agent in AGENTS.values()} for what in ("mark", "label")
     )
-    assert len(looks) == len(marks) == len(labels) == len(AGENTS) == 9
+    assert len(looks) == len(marks) == len(labels) == len(AGENTS) == 11
 
 
 @every_agent

@@ -1,6 +1,4 @@
-"""The closed-form step against exact fractions, and the ensemble against the sum that it stands
-for.
-"""
+"""The closed-form step against exact fractions, and the ensemble against its sum."""
 
 import re
 from fractions import Fraction
@@ -28,9 +26,7 @@ def inner(weights, x, y):
 
 @given(weighted_samples(), st.booleans(), st.sampled_from([1e-6, -0.5, 3.0, 1e6]))
 def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
-    """f(α + d) − f(α) = d² B for both signs of d, with f(α) = Σ w (r − α h)², in exact
-    fractions.
-    """
+    """f(α + d) − f(α) = d² B for both signs of d, f(α) = Σ w (r − α h)², in exact fractions."""
     residual, h, weights = sample
     assume(h.any())
     alpha = closed_form_alpha(residual, h, weights if weighted else None)
@@ -67,8 +63,9 @@ def test_weights_are_roots_in_front_of_both_vectors(sample):
 
 @given(weighted_samples(), st.sampled_from([-565, -332, -1, 332, 565]))
 def test_a_booster_counts_the_same_whatever_its_scale(sample, exponent):
-    """From 1e-170 to 1e170, in powers of two, which do not round. Catches an h² that underflows or
-    overflows.
+    """From 1e-170 to 1e170, in powers of two, which do not round.
+
+    Catches an h² that underflows or overflows.
     """
     residual, h, weights = sample
     scaled = -(2.0**exponent) * h

@@ -19,7 +19,7 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS, Config
 from gbdqn_ref.dqn import make_replay
 from gbdqn_ref.presets import PRESETS, source
-from gbdqn_ref.schedule import FACTORS
+from gbdqn_ref.schedule import FACTORS, stock
 
 FLOATS = [name for name, (kinds, _) in SETTINGS.items() if kinds == (float,)]
 ALL_PRESETS = [(name, env) for name in PRESETS for env in PRESETS[name]]
@@ -37,7 +37,7 @@ configs = st.builds(
     replay=st.sampled_from([None, "uniform", "proportional", "recency"]),
     normalise=st.sampled_from(["batch", None]),
     target=st.sampled_from(["live", "frozen"]),
-    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e9), st.integers(1, 9)),
+    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e6), st.integers(1, 9)),
     zero_output=st.booleans(),
 )
 
@@ -65,11 +65,36 @@ def test_every_preset_is_a_config_with_a_drift(name, env, agent):
 def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
     presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in FACTORS}
     assert presets == {
-        "cartpole": ["paper", "fast"],
-        "mountaincar": ["paper", "fast", "hard"],
-        "acrobot": ["paper", "fast", "hard"],
-        "hopper": ["paper", "fast", "long"],
+        "cartpole": ["paper", "fast", "recurring", "null", "held-out"],
+        "mountaincar": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "acrobot": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "hopper": ["paper", "fast", "long", "recurring", "null"],
     }
+
+
+@pytest.mark.parametrize("env", FACTORS)
+def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
+    recurring, null = Config.preset(env, "recurring"), Config.preset(env, "null")
+    starts = [[regime.start for regime in each.regimes] for each in (recurring, null)]
+    assert starts[0] == starts[1] and len(starts[0]) >= 5
+    drifted = [regime.factors for regime in recurring.regimes if regime.event == "drift"]
+    assert all(factors == drifted[0] != stock(env) for factors in drifted)
+    events = [regime.event for regime in recurring.regimes[1:]]
+    assert events == [("drift", "reset")[k % 2] for k in range(len(events))]
+    assert [regime.event for regime in null.regimes[1:]] == ["drift"] * (len(starts[1]) - 1)
+    assert not any(regime.drifted for regime in null.regimes)
+    assert recurring == replace(null, schedule=recurring.schedule)
+
+
+@pytest.mark.parametrize("env", sorted(PRESETS["held-out"]))
+def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
+    recurring, held = Config.preset(env, "recurring"), Config.preset(env, "held-out")
+    known = {entry["episode"] for entry in recurring.schedule}
+    assert known.isdisjoint(r.start for r in held.regimes if r.end - r.start != 10 and r.start)
+    (drifted,) = {tuple(r.factors.items()) for r in recurring.regimes if r.event == "drift"}
+    assert dict(drifted) not in [regime.factors for regime in held.regimes]
+    lengths = [regime.end - regime.start for regime in held.regimes]
+    assert lengths.count(10) == 4 and len(set(lengths)) > 4
 
 
 def test_a_preset_can_be_named_with_its_environment():
@@ -101,7 +126,7 @@ def test_the_acrobot_preset_has_the_papers_values():
         gamma=0.99,
         alpha=0.1,
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
 
 
 def test_the_hopper_preset_has_the_papers_values():
@@ -124,7 +149,7 @@ def test_the_hopper_preset_has_the_papers_values():
         gradient_steps=1,
         behaviour="epsilon-greedy",
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
     names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
     assert names == [
         (100, {"gravity"}),
@@ -237,8 +262,10 @@ WRONG = {  # values of a wrong kind, by the kinds that are right
     (str, NoneType): (1, False, ["recency"]),
     (int,): (1.5, 2.0, nan, "9", None, True, [1]),
     (float,): ("0.5", None, True, [1.0], 10**400, nan),
-    (float, str): (None, True, [0.1], 10**400, nan),
-    (bool,): (1, 0, "yes", None),
+    (float, NoneType): ("0.5", True, [1.0], nan),
+    (float, str, NoneType): (True, [0.1], 10**400, nan),
+    (bool, NoneType): (1, 0, "yes"),
+    (str, list, NoneType): (5, True, {"episode": 1}),
     (tuple,): (128, "128", None),
     (list,): (None, 5, "x", {"episode": 1}),
 }
@@ -266,12 +293,15 @@ EDGES = {  # the outermost values that are right
     "hidden": ((1, 4096), ()),
     "replay": (None, "uniform", "proportional", "recency"),
     "normalise": ("batch", None),
-    "alpha": (1e-9, 1e9, "closed-form"),
+    "alpha": (1e-9, 1e6, "closed-form", None),
+    "keep_data": (0.0, 1.0, None),
+    "drift_signal": ("schedule", "return", "td_error", [], [0, 3], None),
     "members": (1, 100),
+    "max_grad_norm": (1e-9, 1e6),
     "bootstrap": (1e-9, 1.0),
     **dict.fromkeys(("episodes", "batch_size", "capacity", "window"), (1, 10_000_000)),
     **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), (0.0, 1.0)),
-    **dict.fromkeys(("lr", "max_grad_norm", "temperature", "priority_offset"), (1e-9, 1e9)),
+    **dict.fromkeys(("lr", "temperature", "priority_offset"), (1e-9, 1e9)),
     **dict.fromkeys(("recency_rate", "priority_exponent"), (0.0, 1e9)),
 }
 
@@ -286,7 +316,7 @@ def test_what_is_just_allowed_is_taken(name, value):
 @pytest.mark.parametrize("name", SETTINGS)
 def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
     kinds, rule = SETTINGS[name]
-    assert rule.words and (rule.breaks or kinds == (bool,))
+    assert rule.words and (rule.breaks or kinds == (bool, NoneType))
 
 
 @pytest.mark.parametrize(
@@ -296,7 +326,7 @@ def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
         ("lr", np.float32(0.5)),
         ("lr", np.int64(2)),
         ("seed", np.int64(7)),
-        ("zero_output", np.bool_(False)),
+        ("keep_adam", np.bool_(False)),
         ("hidden", (np.int64(8), np.int32(4))),
         ("schedule", [{"episode": np.int64(3), "gravity": np.float64(2.0)}]),
     ],
@@ -376,12 +406,21 @@ def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
             ("cart",),
             "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper$",
         ),
-        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast, hard$"),
-        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast, hard$"),
-        (("hopper", "slow"), "hopper has no preset 'slow'; choose one of paper, fast, long$"),
+        (
+            ("acrobot", "slow"),
+            "acrobot has no preset 'slow'; choose one of paper, fast, hard, recurring, ",
+        ),
+        (
+            ("acrobot", "long"),
+            "acrobot has no preset 'long'; choose one of paper, fast, hard, recurring, ",
+        ),
+        (
+            ("hopper", "slow"),
+            "hopper has no preset 'slow'; choose one of paper, fast, long, recurring, null$",
+        ),
         (
             ("hopper", ["long"]),
-            r"hopper has no preset \['long'\]; choose one of paper, fast, long$",
+            r"hopper has no preset \['long'\]; choose one of paper, fast, long, recurring, null$",
         ),
     ],
 )

@@ -12,10 +12,12 @@ from gbdqn_ref.optim import Adam, clip_by_norm, polyak
 def test_three_steps_of_adam_by_hand():
     """A large eps shows where it stands: outside the root, and added after the correction."""
     theta, adam = np.array([1.0]), Adam(1, lr=0.1, betas=(0.5, 0.75), eps=0.5)
-    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) =   4;   v = 0 + 16/4 =  4,  v̂ =  4 / (1/4)   =
-    # 16 g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3;   v = 3 +  4/4 =  4,  v̂ =  4 / (7/16)
-    # = 64/7 g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7;  v = 3 + 36/4 = 12,  v̂ = 12 /
-    # (37/64) = 768/37
+    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) = 4
+    #          v = 0 + 16/4 =  4,   v̂ =  4 / (1/4) = 16
+    # g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3
+    #          v = 3 +  4/4 =  4,   v̂ =  4 / (7/16) = 64/7
+    # g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7
+    #          v = 3 + 36/4 = 12,   v̂ = 12 / (37/64) = 768/37
     first = 1 - 0.1 * 4 / (4 + 0.5)
     second = first - 0.1 * (8 / 3) / ((64 / 7) ** 0.5 + 0.5)
     third = second + 0.1 * (16 / 7) / ((768 / 37) ** 0.5 + 0.5)

@@ -1,6 +1,4 @@
-"""A drifted environment is a freshly built one with other constants, and nothing else about it
-differs from stock.
-"""
+"""A drifted environment is a freshly built one with other constants; nothing else differs."""
 
 from fractions import Fraction
 from itertools import product
@@ -50,9 +48,7 @@ def factors_for(name):
 
 
 class OracleAcrobot(AcrobotEnv):
-    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance instead of being 9.8
-    in the formula.
-    """
+    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance."""
 
     gravity = 9.8
 
@@ -135,9 +131,7 @@ def transitions(name, n=40, seed=0):
 
 
 def apart(name, x, y):
-    """The largest difference of two states; angles of Acrobot that differ by a full turn are the
-    same.
-    """
+    """The largest difference of two states; a full turn of Acrobot's angles is no difference."""
     gap = np.abs(x - y)
     if name == "acrobot":
         gap[:2] = np.minimum(gap[:2], 2 * pi - gap[:2])
@@ -165,8 +159,7 @@ def test_every_environment_is_checked_here_or_is_hopper_with_a_file_of_its_own()
 @pytest.mark.parametrize("by", [0.5, 1.7])
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
 def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
-    # catches a derived constant that does not follow: total_mass, polemass_length, LINK_COM_POS,
-    # LINK_MOI
+    # catches a derived constant that does not follow: polemass_length, LINK_COM_POS, LINK_MOI …
     same_transitions(
         name,
         drifted(name, **{key: by}),
@@ -404,6 +397,6 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
 def test_a_pole_ten_times_as_heavy_alone_accelerates_rightly():
     env, state = CartPoleEnv(), (0.0, 0.0, 0.0, 0.0)
     set_cartpole(env, pole_mass=10.0)
-    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6); with stale
-    # total_mass it is −42.9
+    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6) = −12;
+    # with a stale total_mass it is −42.9
     assert after(env, state, 1)[0][3] / env.tau == pytest.approx(-12.0)

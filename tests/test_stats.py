@@ -1,5 +1,8 @@
 """Worked examples, small enough to be done by hand."""
 
+import re
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -108,8 +111,7 @@ def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
 
 
 def test_the_table_of_a_drop_and_a_recovery():
-    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level,
-    # and 92 is 90 % of it
+    # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
         regime=1,
@@ -121,6 +123,30 @@ def test_the_table_of_a_drop_and_a_recovery():
         recovery=28,
         area=0.75,
     )  # (2 · 60 + 8 · 100) / 10 = 92
+
+
+def test_a_run_of_two_regimes_worked_by_hand():
+    """No two of mean, median, minimum, first and last agree, and neither do 19, 20 and 21 episodes.
+
+    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. After the drift levels
+    1 (4 times), 0 (16), 2 (5): the first mean of 10 at 0.9 has five zeros and five twos.
+    """
+    rows = records([1000] * 5 + [9, 11] * 10, [10] * 4 + [0] * 16 + [20] * 5)
+    for number, each in enumerate(rows):
+        each["episode"] = 100 + number  # a run's later part
+    first, second = regime_table(rows, 0.0)
+    assert first["mean_return"] == 208.0 and first["first_episode"] == 100  # (5000 + 200) / 25
+    assert second == dict(
+        regime=1,
+        first_episode=125,
+        episodes=25,
+        event="drift",
+        mean_return=5.6,  # (4 · 10 + 5 · 20) / 25
+        drop=0.8,  # 1 − 4 / 20
+        recovery=25,
+        area=pytest.approx(0.56),
+    )
+    assert {type(value) for value in second.values()} == {int, float, str}  # JSON's own
 
 
 def test_the_reference_is_the_last_20_episodes_before_the_drift():
@@ -197,8 +223,7 @@ def test_a_short_regime_is_compared_with_what_there_is_before_it():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5)
-    # / 7 = 55/7
+    # the last regime's reference reaches back over two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
@@ -212,9 +237,7 @@ def test_the_table_says_where_each_regime_begins_and_by_which_event():
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of
-    it.
-    """
+    """Reference 100, random policy 0: 20 episodes of 50 and 20 of 100 have level 0.75."""
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -244,6 +267,7 @@ def test_the_interquartile_mean_moves_and_scales_with_its_values(x, shift, scale
 def test_the_interquartile_mean_is_taken_along_an_axis():
     x = np.arange(10.0).reshape(2, 5)
     assert iqm(x).tolist() == [2, 7] and iqm(x.T, axis=0).tolist() == [2, 7]
+    assert iqm([[9, 0], [1, 8], [5, 4], [6, 4]], axis=0).tolist() == [5.5, 4]
 
 
 @given(runs, rngs())
@@ -256,9 +280,7 @@ def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½
-    or at its edges.
-    """
+    """Of (0, 1) a resample's mean is 0, ½ or 1, with probabilities ¼, ½, ¼."""
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
@@ -283,16 +305,52 @@ def test_nothing_has_no_average(ask):
         ask()
 
 
-@pytest.mark.parametrize(("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1])])
+@pytest.mark.parametrize(
+    ("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1]), (3, 1)]
+)
 def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
-    with pytest.raises(UsageError, match="one result per seed"):
+    shapes = re.escape(f"not {np.shape(x)} and {np.shape(y)}")
+    with pytest.raises(UsageError, match=f"one result per seed from both, {shapes}"):
         paired_difference(x, y, np.random.default_rng(0))
 
 
+def test_an_interval_ends_at_the_percentiles_of_all_resamples():
+    """2.5 and 97.5 % of the interquartile means of all 5⁵ resamples, each to one percent."""
+    values = [0.0, 1.0, 3.0, 7.0, 20.0]
+    every = np.array([iqm(resample) for resample in product(values, repeat=5)])
+    ends = bootstrap_interval(values, np.random.default_rng(0), resamples=3000)
+    for end, part in zip(ends, (0.025, 0.975), strict=True):
+        below, up_to = (every < end - 1e-9).mean(), (every < end + 1e-9).mean()
+        assert below - 0.01 < part < up_to + 0.01
+
+
+def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
+    """Of (0, 0, 1) the mean is 1 in 1/27 = 3.7 % of the resamples: within 95 %, not within 90 %."""
+    assert bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean) == (0.0, 1.0)
+    low, high = bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean, level=0.9)
+    assert (low, high) == (0.0, pytest.approx(2 / 3))
+
+
+STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "stated", "n"),
+    [
+        (statistic, float(percent), int(n))
+        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
+    ],
+)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
+    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng = np.random.default_rng(0)
+    intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
+    covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
+    assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
+
+
 def test_environments_are_resampled_by_themselves():
-    """Runs that agree within each environment leave no spread, however far the environments are
-    apart.
-    """
+    """Runs that agree within each environment leave no spread, however far these are apart."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
@@ -312,8 +370,17 @@ def test_pairing_takes_out_what_the_seeds_share():
     assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
 
 
+def test_a_paired_difference_by_hand():
+    """Differences 1, 2, −7, 10, whose middle half is 1 and 2; the two IQMs differ by 2.5."""
+    x, y = [1.0, 2.0, 3.0, 10.0], [0.0, 0.0, 10.0, 0.0]
+    middle, low, high = paired_difference(x, y, np.random.default_rng(0), resamples=1)
+    assert middle == 1.5 and low == high  # of one resample
+
+
 def test_mean_and_std_by_hand():
-    assert mean_std([1.0, 2.0, 3.0]) == (2.0, 1.0) and mean_std([4.0]) == (4.0, None)
+    assert mean_std([0.0, 0.0, 3.0]) == (1.0, pytest.approx(3**0.5))  # √((1 + 1 + 4) / 2)
+    assert mean_std([1.0, 3.0]) == (2.0, pytest.approx(2**0.5))
+    assert mean_std([4.0]) == (4.0, None)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +418,9 @@ def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
 
 
 def test_forgetting_is_what_was_best_less_what_is_left():
-    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met
-    does not count.
-    """
+    """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
+
+
+def test_the_evaluation_right_after_a_regime_counts_as_its_best():
+    assert forgetting([[100, 0], [70, 5]]) == [30.0]
