@@ -213,7 +213,7 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
 def hopper(**options):
     """Gymnasium's Hopper. Unless it is drawn, MUJOCO_GL may name a renderer that is missing.
 
-    MuJoCo is imported here: only Hopper needs it, and it takes as long as all other imports together.
+    MuJoCo is imported here: only Hopper needs it, and it takes as long as all other imports.
     """
     renderer = os.environ.get("MUJOCO_GL", "")
     try:

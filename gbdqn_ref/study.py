@@ -97,12 +97,14 @@ def _check_names(configs: Mapping[str, Config]) -> None:
 
 
 def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
-    """UsageError if the folder holds something else, or a study with other settings."""
+    """UsageError if the folder holds something else, other settings, or a run that is damaged."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; choose another --out")
     begun = [name for name in configs if (out / name / "config.json").exists()]
     if (out / "study.json").exists():
         known = files.read_json(out / "study.json", "settings")["settings"]
+        if not isinstance(known, dict):
+            raise UsageError(f"{out / 'study.json'} is damaged (no settings); delete or restore it")
         wanted = _description(configs)["settings"]
         _refuse_others(out, known, {key: wanted[key] for key in wanted if key not in OWN})
     elif out.exists() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
@@ -110,11 +112,14 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
     for name in begun:
         known = runs.read_config(out / name).resolved().to_dict()
         _refuse_others(out / name, known, configs[name].resolved().to_dict())
+        if (out / name / "summary.json").exists():
+            runs.read_summary(out / name)
+            runs.read_episodes(out / name)
 
 
 def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     """UsageError if two sets of settings differ in one that both of them state."""
-    others = [key for key in wanted.keys() & known.keys() if known[key] != wanted[key]]
+    others = [key for key in wanted if key in known and known[key] != wanted[key]]
     if others:
         raise UsageError(
             f"{out} has other settings ({', '.join(others)}); repeat them or choose another --out"
@@ -204,9 +209,7 @@ def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
     for name, differs in description["runs"].items():
         made_by = files.read_json(out / name / "config.json", "config")
         del made_by["config"]
-        rows.append(
-            {"name": name, "settings": differs} | made_by | runs.read_summary(out / name)
-        )
+        rows.append({"name": name, "settings": differs} | made_by | runs.read_summary(out / name))
     return description | {"runs": rows}
 
 
