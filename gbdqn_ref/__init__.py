@@ -2,7 +2,7 @@
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman,
 boosting, replay, tabular, detect, dqn, gbdqn, reuse, baselines, agents, schedule, physics, drift,
-presets, config, stats, train, files, checkpoint, plots, runs, workers, study, effect, watch,
+presets, config, stats, train, files, provenance, checkpoint, plots, runs, study, effect, watch,
 tables, __main__.
 """
 

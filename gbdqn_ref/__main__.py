@@ -33,14 +33,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         _own_process()
-    status, lines = _answer(arguments)
-    if arguments is None:
-        _hear_signals(signal.SIG_IGN)
-    with suppress(OSError):
-        for line in lines:  # each in one line, whatever is in a path
-            print("gbdqn_ref:", *line.split(), file=sys.stderr, flush=True)
-    for stream in (sys.stdout, sys.stderr):
-        _let_go(stream)
+    try:
+        status, lines = _answer(arguments)
+        if arguments is None:
+            _hear_signals(signal.SIG_IGN)
+        with suppress(OSError):
+            for line in lines:  # each in one line, whatever is in a path
+                print("gbdqn_ref:", *line.split(), file=sys.stderr, flush=True)
+    finally:  # also after --help, which raises SystemExit
+        for stream in (sys.stdout, sys.stderr):
+            _let_go(stream)
     return status
 
 
@@ -50,7 +52,7 @@ def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
         args = _parser().parse_args(arguments)
         args.command(args)
         print(end="", flush=True)
-    except (BrokenPipeError, SystemExit):  # nobody reads on, or --help has been answered
+    except BrokenPipeError:  # nobody reads on, but the work is finished
         return 0, []
     except StudyError as e:
         return 1, [f"{name} failed: {error}" for name, error in e.errors.items()]
@@ -108,6 +110,11 @@ def _parser() -> ArgumentParser:
         "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable"
     )
     run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.add_argument(
+        "--accept-versions",
+        action="store_true",
+        help="continue runs that were made with other libraries or other code; this is recorded",
+    )
     many = _Parser(add_help=False, parents=[run])
     many.add_argument("--jobs", type=int, default=2, help="how many processes; default 2")
     _add_training(commands, run, many)
@@ -219,6 +226,11 @@ def _seeds(text: str) -> Sequence[int]:
     return [int(part) for part in parts] if len(parts) > 1 else range(int(text))
 
 
+def _options(args: Namespace) -> dict[str, Any]:
+    """How a study is to be run."""
+    return {"jobs": args.jobs, "quiet": args.quiet, "accept": args.accept_versions}
+
+
 def _train(args: Namespace) -> None:
     from . import runs, tables
 
@@ -230,7 +242,7 @@ def _train(args: Namespace) -> None:
     else:
         config = _config(args, args.agent)
     out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
-    summary = runs.train(config, out, args.resume, args.quiet)
+    summary = runs.train(config, out, args.resume, args.quiet, args.accept_versions)
     tables.show(tables.regimes({config.agent: summary}, config))
     print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
 
@@ -241,7 +253,7 @@ def _compare(args: Namespace) -> None:
     configs = {agent: _config(args, agent) for agent in _agents(args.agents)}
     config = next(iter(configs.values()))
     out = Path(args.out or f"runs/{config.env}")
-    study.complete(configs, out, jobs=args.jobs, quiet=args.quiet)
+    study.complete(configs, out, **_options(args))
     tables.show(tables.regimes(study.comparison(out, configs), config))
     print(
         f"\nthe picture: {out / 'comparison.png'}; the runs: {out}/AGENT/ (delete {out} to repeat)"
@@ -258,7 +270,7 @@ def _study(args: Namespace) -> None:
     out = Path(args.out or f"runs/study-{config.env}")
     with _cluster(args.dask) as executor:
         configs = study.grid(agents, _seeds(args.seeds))
-        study.complete(configs, out, executor, args.jobs, args.quiet)
+        study.complete(configs, out, executor, **_options(args))
     summaries, records = study.report(out)
     study.draw(out, config, summaries, records)
     tables.show(tables.study(summaries, config))
@@ -270,7 +282,7 @@ def _drift_effect(args: Namespace) -> None:
 
     config = _config(args, args.agent)
     out = Path(args.out or f"runs/effect-{config.env}")
-    rows = effect.drift_effect(config, out, args.jobs, quiet=args.quiet)
+    rows = effect.drift_effect(config, out, **_options(args))
     tables.show(tables.drift_effect(rows, config))
 
 
@@ -283,7 +295,7 @@ def _watch(args: Namespace) -> None:
     episodes = watch.film(args.run, args.drift, args.seed)
     watch.save(episodes, args.out)
     before, after = (episode.returns[-1] for episode in episodes)
-    print(f"return before the drift: {before:.1f}, after it: {after:.1f}; the film: {args.out}")
+    print(f"before the drift {before:.1f}, after it {after:.1f}; the film: {args.out}")
 
 
 def _maps(args: Namespace) -> None:

@@ -16,19 +16,17 @@ from .stats import Rows
 from .train import evaluate, make_agent
 
 
-def drift_effect(
-    config: Config, out: Path | str, jobs: int = 2, episodes: int = 50, quiet: bool = False
-) -> Rows:
+def drift_effect(config: Config, out: Path | str, episodes: int = 50, **options: Any) -> Rows:
     """One dict per regime of the schedule, stock physics first: what three policies reach in it.
 
     random; frozen, trained in the stock physics and no longer learning; trained, in this regime
     from the start. Each is the mean greedy return of some episodes with the same starts. The two
-    are trained as a study in `out`, which keeps them.
+    are trained as a study in `out`, which keeps them; the options are those of study.run_study().
     """
     if episodes < 2:
         raise UsageError(f"a standard error needs 2 episodes or more, not {episodes}")
     configs = regimes(config)
-    study.complete(configs, out, jobs=jobs, quiet=quiet)
+    study.complete(configs, out, **options)
     trained = [runs.read_agent(Path(out) / name)[1] for name in configs]
     random, rows = make_agent(Config(env=config.env, agent="random")), []
     for each, policy in zip(configs.values(), trained, strict=True):

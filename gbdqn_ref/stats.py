@@ -195,3 +195,45 @@ def _some(x):
     if not x.size:
         raise UsageError("at least one value is needed")
     return x
+
+
+def match_alarms(alarms, drifts, within=10):
+    """(delays, misses, false alarms) of a detector's alarms, both lists of episodes in order.
+
+    A drift is found by the first alarm in its first `within` episodes, with a delay of 1 if that is
+    the drift's own episode. Every alarm that finds no drift is false, also a second one.
+
+    >>> match_alarms([102, 130, 153], [100, 150, 200])
+    ([3, 4], 1, 1)
+    """
+    firsts = [[a for a in alarms if drift <= a < drift + within][:1] for drift in drifts]
+    delays = [a - drift + 1 for drift, found in zip(drifts, firsts, strict=True) for a in found]
+    return delays, len(drifts) - len(delays), len(alarms) - len(delays)
+
+
+def sign_flip_test(differences, rng, margin=0.0, statistic=iqm, flips=10_000):
+    """p of "the paired differences (n,) lie above the margin", one-sided, by random sign flips.
+
+    p = (1 + #{statistic of flipped ≥ statistic}) / (1 + flips). Exact where the differences are
+    symmetric about the margin under the null hypothesis.
+
+    >>> round(sign_flip_test([1.0, 2.0, 3.0], np.random.default_rng(0), statistic=np.mean), 2)
+    0.12
+    """
+    x = _some(differences) - margin
+    signs = rng.choice([-1.0, 1.0], size=(flips, len(x)))
+    exceeds = statistic(signs * x, axis=-1) >= statistic(x, axis=-1) - 1e-12  # ties count
+    return float((1 + exceeds.sum()) / (1 + flips))
+
+
+def holm(p):
+    """Holm's adjusted p values, in the order given: step down, the smallest times n first.
+
+    >>> [round(each, 3) for each in holm([0.01, 0.04, 0.03])]
+    [0.03, 0.06, 0.06]
+    """
+    order, adjusted, largest = np.argsort(p), np.empty(len(p)), 0.0
+    for rank, k in enumerate(order):
+        largest = max(largest, (len(p) - rank) * p[k])
+        adjusted[k] = min(1.0, largest)
+    return adjusted.tolist()

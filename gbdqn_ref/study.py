@@ -5,20 +5,31 @@
     results.json     the same with the summaries of all runs, when all are complete
 
 Killed at any moment and started again, a study ends with the same bytes as one that was left alone.
+
+A worker is a new Python that reads from its stdin one line, which says what to train. It is sent
+nothing more: its stdin ends when the process that started it is gone, and then it ends too.
 """
 
+import json
+import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, wait
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from reprlib import repr as short
+from threading import Thread
 from typing import Any
 
 from tqdm import tqdm
 
-from . import StudyError, UsageError, files, plots, runs, workers
+from . import StudyError, UsageError, files, plots, runs
 from .agents import OWN
 from .config import Config
 from .schedule import is_count
@@ -27,6 +38,10 @@ from .stats import Rows
 MOST_RUNS, MOST_JOBS = 10_000, 1_000
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]{0,198}[A-Za-z0-9])?")
 EACH = ("agent", "seed", "replay")  # stated for each run, even if all agree
+PAUSE, GRACE = 0.1, 0.5  # seconds between two looks at the workers, and for them to stop in
+STOPPED = 130  # the exit status of a process that was asked to stop
+ASKED_TO_STOP = {STOPPED, -signal.SIGINT, -signal.SIGTERM}
+PROGRAM = "from gbdqn_ref import study; study.work()"
 
 
 def grid(configs: Mapping[str, Config], seeds: Sequence[int]) -> dict[str, Config]:
@@ -52,11 +67,13 @@ def run_study(
     executor: Executor | None = None,
     jobs: int = 2,
     quiet: bool = False,
+    accept: bool = False,
 ) -> dict[str, str]:
     """Train every {name: config} into out/NAME; {name: error} of the runs that failed.
 
     Runs with the same seed meet the same starts. By default they work in `jobs` processes, which
-    stop with this one; an executor, like Dask's, takes their place.
+    stop with this one; an executor, like Dask's, takes their place. Runs of other versions are not
+    mixed with those of today unless `accept` says so.
     """
     out = Path(out)
     _check_size(len(configs))
@@ -64,10 +81,19 @@ def run_study(
     if not is_count(jobs) or not 1 <= jobs <= MOST_JOBS:
         raise UsageError(f"jobs must be a whole number from 1 to {MOST_JOBS:,}, not {short(jobs)}")
     _check_folder(configs, out)
-    out.mkdir(parents=True, exist_ok=True)
+    left = [name for name in configs if not (out / name / "summary.json").exists()]
+    if left and not accept:
+        _check_versions(configs, out)
     with files.locked(out):
         files.write_json(out / "study.json", _description(configs))
-        failed = _train(configs, out, executor, jobs, quiet)
+        with _bar(configs, out, quiet) as show:
+            tasks = {
+                name: (configs[name].to_dict(), str((out / name).resolve()), accept)
+                for name in left
+            }
+            failed = (
+                _train_over(executor, tasks, show) if executor else train_all(tasks, jobs, show)
+            )
         if not failed:
             files.write_json(out / "results.json", _results(configs, out))
     return failed
@@ -102,9 +128,7 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
         raise UsageError(f"{out} is not a folder; choose another --out")
     begun = [name for name in configs if (out / name / "config.json").exists()]
     if (out / "study.json").exists():
-        known = files.read_json(out / "study.json", "settings")["settings"]
-        if not isinstance(known, dict):
-            raise UsageError(f"{out / 'study.json'} is damaged (no settings); delete or restore it")
+        known = files.read_json(out / "study.json", settings=(dict,))["settings"]
         wanted = _description(configs)["settings"]
         _refuse_others(out, known, {key: wanted[key] for key in wanted if key not in OWN})
     elif out.exists() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
@@ -115,6 +139,17 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
         if (out / name / "summary.json").exists():
             runs.read_summary(out / name)
             runs.read_episodes(out / name)
+
+
+def _check_versions(configs: Mapping[str, Config], out: Path) -> None:
+    """UsageError if the folder holds runs of other versions than today's."""
+    for name in configs:
+        changed = runs.changes(out / name) if (out / name / "config.json").exists() else []
+        if changed:
+            raise UsageError(
+                f"{out / name} was made with other versions ({', '.join(changed)}); go back to"
+                " those, or train the others under these with --accept-versions"
+            )
 
 
 def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
@@ -146,69 +181,13 @@ def _description(configs: Mapping[str, Config]) -> dict[str, Any]:
     }
 
 
-def _train(
-    configs: Mapping[str, Config], out: Path, executor: Executor | None, jobs: int, quiet: bool
-) -> dict[str, str]:
-    """Train what is not complete, below a bar of all episodes; {name: error} of what failed."""
-    folders = {out / name: config for name, config in configs.items()}
-    left = {
-        folder: config
-        for folder, config in folders.items()
-        if not (folder / "summary.json").exists()
-    }
-    total = sum(config.episodes for config in configs.values())
-    seen, title = _episodes(folders), f"{len(configs)} runs"
-    with tqdm(
-        total=total, initial=seen, unit="ep", desc=title, disable=quiet or None, mininterval=0
-    ) as bar:
-        show = partial(_show, bar, folders)
-        if executor:
-            failed = _train_over(executor, left, show)
-        else:
-            failed = workers.train_all(left, jobs, show)
-    return {folder.name: error for folder, error in failed.items()}
-
-
-def _show(bar: tqdm, folders: Mapping[Path, Config]) -> None:
-    bar.n = _episodes(folders)
-    bar.refresh()
-
-
-def _episodes(folders: Mapping[Path, Config]) -> int:
-    """How many episodes the runs in some folders have seen."""
-    tables = [folder / "episodes.csv" for folder in folders]
-    return sum(
-        max(0, table.read_bytes().count(b"\n") - 1) if table.exists() else 0 for table in tables
-    )
-
-
-def _train_over(
-    executor: Executor, left: Mapping[Path, Config], show: Callable[[], object]
-) -> dict[Path, str]:
-    """What workers.train_all() does, by an executor: if stopped, it only ends what it has begun."""
-    futures = {
-        executor.submit(workers.train_one, config.to_dict(), str(folder.resolve())): folder
-        for folder, config in left.items()
-    }
-    pending = set(futures)
-    try:
-        while pending:
-            _, pending = wait(pending, timeout=0.5)
-            show()
-    finally:
-        for future in pending:
-            future.cancel()
-    errors = {folder: future.exception() for future, folder in futures.items()}
-    return {folder: workers.in_a_line(error) for folder, error in errors.items() if error}
-
-
 def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
     """What results.json says: for each run its settings, what made it, and its summary."""
     description = _description(configs)
     rows = []
     for name, differs in description["runs"].items():
-        made_by = files.read_json(out / name / "config.json", "config")
-        del made_by["config"]
+        recorded = files.read_json(out / name / "config.json", "config")
+        made_by = {key: recorded[key] for key in recorded if key not in ("config", "own")}
         rows.append({"name": name, "settings": differs} | made_by | runs.read_summary(out / name))
     return description | {"runs": rows}
 
@@ -221,7 +200,7 @@ def report(out: Path | str) -> tuple[dict[str, Rows], dict[str, list[Rows]]]:
     out = Path(out)
     summaries: dict[str, Any] = {}
     records: dict[str, Any] = {}
-    rows = files.read_json(out / "results.json", "runs")["runs"]
+    rows = files.read_json(out / "results.json", runs=[runs.SUMMARY])["runs"]
     for row in sorted(rows, key=lambda row: row["seed"]):
         name = row.get("name", f"{row['agent']}-{row['seed']}")
         label = name.removesuffix(f"-{row['seed']}")
@@ -255,3 +234,149 @@ def comparison(out: Path | str, configs: Mapping[str, Config]) -> dict[str, dict
     level = summaries[config.agent]["random_return"]
     plots.save(plots.learning_curves(records, config, level), out / "comparison.png")
     return summaries
+
+
+# --- training -------------------------------------------------------------------------------------
+
+
+Task = tuple[dict[str, Any], str, bool]  # what train_one() is told
+
+
+def train_one(values: Mapping[str, Any], folder: str, accept: bool = False) -> None:
+    """One run, in whatever process: {name: value} of its Config, and its folder, begun or not."""
+    begun = (Path(folder) / "config.json").exists()
+    runs.train(Config.from_dict(values), folder, resume=begun, quiet=True, accept=accept)
+
+
+@contextmanager
+def _bar(configs: Mapping[str, Config], out: Path, quiet: bool) -> Iterator[Callable[[], None]]:
+    """A bar of the episodes of all runs, and what moves it to those that they have seen by now."""
+    tables = [out / name / "episodes.csv" for name in configs]
+    total, title = sum(config.episodes for config in configs.values()), f"{len(configs)} runs"
+    with tqdm(
+        total=total, initial=_episodes(tables), unit="ep", desc=title, disable=quiet or None
+    ) as bar:
+
+        def show() -> None:
+            bar.n = _episodes(tables)
+            bar.refresh()
+
+        yield show
+
+
+def _episodes(tables: Sequence[Path]) -> int:
+    """How many episodes some episodes.csv have, which may not exist yet."""
+    lines = [path.read_bytes().count(b"\n") for path in tables if path.exists()]
+    return sum(max(0, count - 1) for count in lines)
+
+
+def _train_over(
+    executor: Executor, tasks: Mapping[str, Task], show: Callable[[], object]
+) -> dict[str, str]:
+    """What train_all() does, by an executor. If stopped, it only ends what it has begun."""
+    futures = {executor.submit(train_one, *task): name for name, task in tasks.items()}
+    pending = set(futures)
+    try:
+        while pending:
+            _, pending = wait(pending, timeout=0.5)
+            show()
+    finally:
+        for future in pending:
+            future.cancel()
+    errors = {name: future.exception() for future, name in futures.items()}
+    return {name: in_a_line(error) for name, error in errors.items() if error}
+
+
+class Worker(subprocess.Popen):
+    """A process that trains one run."""
+
+    def __init__(self, task: Task) -> None:
+        self.log = tempfile.TemporaryFile()  # noqa: SIM115
+        imports = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "utf-8"}
+        super().__init__(
+            [sys.executable, "-P", "-c", PROGRAM],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self.log,
+            env=os.environ | imports,
+        )
+        with suppress(BrokenPipeError):  # it has been killed already
+            self.stdin.write(f"{json.dumps(task)}\n".encode())  # type: ignore[union-attr]
+
+    def last_words(self) -> str:
+        """The last line of its stderr, when it has ended. Its files are closed."""
+        with self, self.log as log:
+            log.seek(0)
+            lines = log.read().decode(errors="replace").splitlines()
+        return lines[-1] if lines else f"its process ended with status {self.returncode}"
+
+
+def train_all(tasks: Mapping[str, Task], jobs: int, show: Callable[[], object]) -> dict[str, str]:
+    """Give every {name: task} to a worker, `jobs` at a time; {name: error} of those that failed.
+
+    show() is called about ten times a second. A run whose worker is killed starts once more.
+    KeyboardInterrupt if this process or a worker is asked to stop; no worker outlives the call.
+    """
+    waiting, killed, failed = list(tasks), set(), {}
+    working: dict[str, Worker] = {}
+    try:
+        while waiting or working:
+            for name in waiting[: jobs - len(working)]:
+                waiting.remove(name)
+                working[name] = Worker(tasks[name])
+            time.sleep(PAUSE)
+            show()
+            for name in [each for each, worker in working.items() if worker.poll() is not None]:
+                status, error = working[name].returncode, working.pop(name).last_words()
+                if status in ASKED_TO_STOP:
+                    raise KeyboardInterrupt
+                if status < 0 and name not in killed:
+                    killed.add(name)
+                    waiting.append(name)
+                elif status:
+                    failed[name] = error
+    finally:
+        _stop(working.values())
+    return failed
+
+
+def _stop(workers: Collection[Worker]) -> None:
+    """Ask workers to stop, and kill those that take too long."""
+    latest = time.monotonic() + GRACE
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        with suppress(subprocess.TimeoutExpired):
+            worker.wait(max(0.0, latest - time.monotonic()))
+        worker.kill()
+        worker.last_words()
+
+
+def stop_on_signals() -> None:
+    """From now on SIGINT and SIGTERM raise KeyboardInterrupt in this process."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+def work() -> None:
+    """What a worker does: it trains the run that its stdin describes, and ends with its stdin."""
+    stop_on_signals()
+    task = json.loads(sys.stdin.readline())
+    Thread(target=_end_with_stdin, daemon=True).start()
+    try:
+        train_one(*task)
+    except KeyboardInterrupt:
+        os._exit(STOPPED)  # at once: Python takes its time to end
+    except Exception as e:
+        sys.exit(in_a_line(e))
+
+
+def _end_with_stdin() -> None:
+    os.read(0, 1)  # sys.stdin.read would hold a lock that Python needs at its end
+    os._exit(STOPPED)
+
+
+def in_a_line(error: BaseException) -> str:
+    """An error in one line, whatever is in a path."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

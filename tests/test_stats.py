@@ -15,13 +15,16 @@ from gbdqn_ref.stats import (
     final_return,
     forgetting,
     gain,
+    holm,
     iqm,
+    match_alarms,
     mean_std,
     median_recovery,
     paired_difference,
     recovery,
     regime_medians,
     regime_table,
+    sign_flip_test,
     standard_error,
     trailing_mean,
 )
@@ -424,3 +427,54 @@ def test_forgetting_is_what_was_best_less_what_is_left():
 
 def test_the_evaluation_right_after_a_regime_counts_as_its_best():
     assert forgetting([[100, 0], [70, 5]]) == [30.0]
+
+
+# --- detectors and hypotheses ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("alarms", "drifts", "expected"),
+    [
+        ([], [], ([], 0, 0)),
+        ([], [5], ([], 1, 0)),
+        ([5], [5], ([1], 0, 0)),
+        ([14], [5], ([10], 0, 0)),
+        ([15], [5], ([], 1, 1)),
+        ([4], [5], ([], 1, 1)),
+        ([6, 7], [5], ([2], 0, 1)),
+        ([6, 21], [5, 20, 40], ([2, 2], 1, 0)),
+    ],
+)
+def test_alarms_are_matched_with_drifts(alarms, drifts, expected):
+    assert match_alarms(alarms, drifts) == expected
+
+
+def test_a_sign_flip_test_enumerates():
+    """Of the 16 flips of (1, 2, 3, 4) one mean is as large as theirs."""
+    p = sign_flip_test([1, 2, 3, 4], np.random.default_rng(0), statistic=np.mean, flips=40_000)
+    assert p == pytest.approx(1 / 16, abs=0.005)
+    p = sign_flip_test([-1, -2, -3, -4], np.random.default_rng(0), statistic=np.mean)
+    assert p == 1.0
+
+
+def test_a_margin_has_to_be_exceeded():
+    x = [11.0, 12.0, 13.0, 9.5, 14.0, 12.5, 11.5, 13.5]
+    ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 12.0, 13.0)]
+    assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]
+
+
+def test_the_smallest_p_is_not_0():
+    p = sign_flip_test(np.arange(1.0, 31.0), np.random.default_rng(0), flips=99)
+    assert p == 0.01
+
+
+def test_a_true_null_is_rejected_as_often_as_stated():
+    rng = np.random.default_rng(0)
+    ps = np.array([sign_flip_test(rng.normal(size=20), rng, flips=400) for _ in range(800)])
+    assert [np.mean(ps <= level) for level in (0.05, 0.2)] == pytest.approx([0.05, 0.2], abs=0.03)
+
+
+def test_holm_steps_down():
+    assert holm([0.04, 0.01, 0.03, 0.005]) == pytest.approx([0.06, 0.03, 0.06, 0.02])
+    assert holm([0.6, 0.5]) == [1.0, 1.0]
+    assert holm([0.02]) == [0.02]

@@ -61,8 +61,8 @@ def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
     for name, run in zip(NAMES, results["runs"], strict=True):
         agent, seed = name.split("-")
         differs = {"agent": agent, "seed": int(seed), "replay": "proportional"}
-        made_by = json.loads(sequential[f"{name}/config.json"])
-        del made_by["config"]
+        recorded = json.loads(sequential[f"{name}/config.json"])
+        made_by = {key: recorded[key] for key in ("versions", "code")}
         summary = json.loads(sequential[f"{name}/summary.json"])
         assert run == {"name": name, "settings": differs} | made_by | summary
         assert "numpy" in run["versions"]
@@ -236,6 +236,40 @@ def test_a_study_without_runs_is_refused(tmp_path):
 def test_a_seed_that_stands_twice_is_refused():
     with pytest.raises(UsageError, match="twice"):
         study.grid(AGENTS, [3, 4, 3])
+
+
+def test_runs_of_two_versions_are_mixed_only_where_that_is_accepted(tmp_path, sequential, capsys):
+    """Even if those of the other version are complete; a study that is complete is only read."""
+    out = tmp_path / "out"
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    recorded = json.loads((out / "dqn-0" / "config.json").read_text())
+    numpy = recorded["versions"]["numpy"]
+    recorded["versions"]["numpy"] = "1.0"
+    files.write_json(out / "dqn-0" / "config.json", recorded)
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    refused(
+        capsys,
+        tmp_path,
+        study_arguments(out),
+        f"dqn-0 was made with other versions (numpy 1.0 → {numpy})",
+    )
+    assert main(study_arguments(out, "--accept-versions")) == 0
+    rows = json.loads((out / "results.json").read_text())["runs"]
+    assert [row["versions"]["numpy"] for row in rows] == ["1.0", numpy, numpy, numpy]
+
+
+def test_a_worker_goes_on_with_a_run_of_another_version_where_that_is_accepted(tmp_path):
+    out = tmp_path / "out"
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    expected = (out / "dqn-0" / "summary.json").read_bytes()
+    recorded = json.loads((out / "dqn-0" / "config.json").read_text())
+    recorded["code"]["nn"] = "another"
+    files.write_json(out / "dqn-0" / "config.json", recorded)
+    (out / "dqn-0" / "summary.json").unlink()
+    with pytest.raises(UsageError, match="nn another → "):
+        study.run_study(FIRST, out, quiet=True)
+    assert study.run_study(FIRST, out, quiet=True, accept=True) == {}
+    assert (out / "dqn-0" / "summary.json").read_bytes() == expected
 
 
 def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
