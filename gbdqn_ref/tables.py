@@ -179,12 +179,12 @@ def _difference(runs: Rows, others: Rows) -> str:
     """IQM of the paired differences in final return, with its interval if there are several."""
     pairs = stats.same_seeds(runs, others)
     middle, low, high = stats.paired_difference(*pairs, np.random.default_rng(0))
-    return f"{middle:+.1f}" + (f" [{low:+.1f}, {high:+.1f}]" if len(pairs[0]) > 1 else "")
+    return f"{middle:+z.1f}" + (f" [{low:+z.1f}, {high:+z.1f}]" if len(pairs[0]) > 1 else "")
 
 
 def _number(value: float) -> str:
-    return f"{value:.1f}"
+    return f"{value:z.1f}"
 
 
 def _share(value: float | None) -> str:
-    return "–" if value is None else f"{value:.0%}"
+    return "–" if value is None else f"{value:z.0%}"

@@ -29,7 +29,7 @@ class Episode(NamedTuple):
 
     def caption(self, step: int) -> str:
         """What is said above the picture of this step."""
-        return f"{self.title}\nstep {step}, return {self.returns[step]:.0f}"
+        return f"{self.title}\nstep {step}, return {self.returns[step]:z.0f}"
 
 
 def film(run: Path | str, regime: int = 1, seed: int = 0) -> list[Episode]:

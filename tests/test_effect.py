@@ -41,20 +41,20 @@ def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_l
 
 def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path):
     """Frozen is the agent of the stock physics, everywhere; all are evaluated with the seed 0."""
-    config = Config.preset("cartpole", agent="dqn", seed=1, **DRIFTING | dict(episodes=12))
+    learning = dict(episodes=8, update_every=1, gradient_steps=4, lr=0.03)
+    config = Config.preset("cartpole", agent="dqn", seed=3, **DRIFTING | learning)
     first = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
     regimes = {
         "stock physics": {},
         "length × 2": {"length": 2},
         "gravity × 2, length × 2": {"gravity": 2, "length": 2},
     }
-    folders = {runs.read_config(path.parent).seed: path for path in tmp_path.glob("*/config.json")}
-    assert [row["regime"] for row in first] == list(regimes) and set(folders) == {1}
+    assert [row["regime"] for row in first] == list(regimes)
     agents = {}
     for path in tmp_path.glob("*/config.json"):
         trained_in, agent = runs.read_agent(path.parent)
         agents[describe(trained_in.regimes[0].factors)] = agent
-        assert len(trained_in.regimes) == 1
+        assert (len(trained_in.regimes), trained_in.seed) == (1, 3)
     assert set(agents) == set(regimes)
     random = make_agent(Config(agent="random"))
     for row, (name, factors) in zip(first, regimes.items(), strict=True):

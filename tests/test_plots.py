@@ -178,17 +178,20 @@ def study(**runs):
 
 
 def test_a_panel_shows_every_seed_their_mean_and_dqns():
-    axes, _ = study(gbdqn=[range(20), [5] * 20], dqn=[[1] * 20, [2] * 20])
-    first, second, mean, rival = axes[0].lines[:4]
-    assert points(first) == [(14, 7), (15, 8), (16, 9), (17, 10), (18, 11), (19, 12)]
-    assert points(second) == [(k, 5) for k in range(14, 20)]
-    assert points(mean) == [(14, 6), (15, 6.5), (16, 7), (17, 7.5), (18, 8), (19, 8.5)]
-    assert {look(line) for line in (first, second, mean)} == {(AGENTS["gbdqn"].colour, "None", "-")}
-    assert points(rival) == [(k, 1.5) for k in range(14, 20)] and look(rival)[2] == "--"
-    assert [points(line)[0][1] for line in axes[1].lines[:3]] == [1, 2, 1.5]
-    assert [list(panel.lines[i].get_ydata()) for panel, i in ((axes[0], 4), (axes[1], 3))] == [
-        [-3, -3], [-3, -3]
-    ]  # fmt: skip
+    """Of 0, 3, 6, … the mean of the last 15 is 21 at episode 14; with 5 and 1 it has the mean 9."""
+    seeds = [range(0, 60, 3), [5] * 20, [1] * 20]
+    axes, _ = study(gbdqn=seeds, dqn=[[1] * 20, [2] * 20, [6] * 20])
+    *thin, mean, rival, random = axes[0].lines[:6]
+    assert [points(line) for line in thin] == [
+        [(14 + k, 21 + 3 * k) for k in range(6)],
+        [(14 + k, 5) for k in range(6)],
+        [(14 + k, 1) for k in range(6)],
+    ]
+    assert points(mean) == [(14 + k, 9 + k) for k in range(6)]
+    assert {look(line) for line in (*thin, mean)} == {(AGENTS["gbdqn"].colour, "None", "-")}
+    assert points(rival) == [(14 + k, 3) for k in range(6)] and look(rival)[2] == "--"
+    assert list(random.get_ydata()) == [-3, -3]
+    assert [points(line)[0][1] for line in axes[1].lines[:5]] == [1, 2, 6, 3, -3]
 
 
 def test_the_band_is_the_95_percent_bootstrap_interval_of_the_mean():

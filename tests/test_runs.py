@@ -34,8 +34,10 @@ from gbdqn_ref import (
     __main__,
     checkpoint,
     drift,
+    plots,
     provenance,
     runs,
+    tables,
     train,
 )
 from gbdqn_ref import config as config_module
@@ -292,7 +294,8 @@ def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undistu
     assert runs.read_config(tmp_path) == config_of(agent)
     assert content["config"] == config_of(agent).to_dict()
     assert content["config"]["replay"] is None
-    assert content["own"] == {"replay": {"gbdqn": "recency", "dqn": "proportional"}[agent]}
+    assert content["own"]["replay"] == {"gbdqn": "recency", "dqn": "proportional"}[agent]
+    assert Config.from_dict(content["config"] | content["own"]) == config_of(agent).resolved()
     assert {"versions": content["versions"], "code": content["code"]} == provenance.of(
         config_of(agent)
     )
@@ -325,12 +328,13 @@ def test_the_last_checkpoint_is_the_agent_at_the_end_of_the_run(tmp_path, undist
     )
 
 
-def test_the_curve_is_a_picture(undisturbed):
-    for written in undisturbed.values():
-        assert (
-            written["curve.png"].startswith(b"\x89PNG\r\n\x1a\n")
-            and len(written["curve.png"]) > 10_000
-        )
+@both
+def test_the_curve_shows_the_stored_episodes(tmp_path, undisturbed, agent):
+    restore(undisturbed[agent], tmp_path / "run")
+    records = {agent: runs.read_episodes(tmp_path / "run")}
+    level = runs.read_summary(tmp_path / "run")["random_return"]
+    plots.save(plots.learning_curves(records, config_of(agent), level), tmp_path / "curve.png")
+    assert (tmp_path / "curve.png").read_bytes() == undisturbed[agent]["curve.png"]
 
 
 @pytest.mark.parametrize("env", drift.ENVIRONMENTS)
@@ -606,7 +610,7 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     status, stdout, stderr = cli("compare", *SETTINGS, "--out", out, "--quiet")
     assert (status, stderr) == (0, "")
     first = contents(out)
-    assert first.pop("comparison.png").startswith(b"\x89PNG")
+    assert first.pop("comparison.png")
     assert first.pop("study.json") and first.pop("results.json")
     assert first == dict.fromkeys(undisturbed) | {
         f"{agent}/{name}": undisturbed[agent][name] for agent in undisturbed for name in FILES
@@ -626,25 +630,20 @@ def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, 
     )
 
 
-def test_the_table_has_a_line_per_regime_and_a_column_per_agent(tmp_path, undisturbed, capsys):
+def test_compare_shows_what_the_runs_have_stored(tmp_path, undisturbed, capsys):
     for agent, written in undisturbed.items():
         restore(written, tmp_path / agent)
     assert __main__.main(["compare", *SETTINGS, "--out", str(tmp_path)]) == 0
-    table = capsys.readouterr().out
-    rows = [line for line in table.splitlines() if line[:3] in ("0  ", "1  ", "2  ", "3  ")]
-    assert [row.split("  ")[1] for row in rows] == [
-        "stock physics", "length × 2", "gravity × 2, length × 2", "stock physics"
-    ]  # fmt: skip
-    for agent, shown in (("gbdqn", "GB-DQN"), ("dqn", "DQN")):
-        summary = json.loads(undisturbed[agent]["summary.json"])
-        assert shown in table and f"{summary['final_return']:.1f}" in table
-        for row, regime in zip(rows, summary["regimes"], strict=True):
-            assert f"{regime['mean_return']:.1f}" in row
-            assert regime["drop"] is None or f"{regime['drop']:.0%}" in row
-            assert (
-                regime["drop"] is None
-                or (str(regime["recovery"]) if regime["recovery"] else "never") in row
-            )
+    printed, config = capsys.readouterr().out, config_of("dqn")
+    agents = ("gbdqn", "dqn")
+    summaries = {agent: json.loads(undisturbed[agent]["summary.json"]) for agent in agents}
+    tables.show(tables.regimes(summaries, config))
+    assert printed.startswith(capsys.readouterr().out)
+    records = {agent: runs.read_episodes(tmp_path / agent) for agent in agents}
+    level = summaries["dqn"]["random_return"]
+    plots.save(plots.learning_curves(records, config, level), tmp_path / "again.png")
+    drawn = (tmp_path / name for name in ("again.png", "comparison.png"))
+    assert len({path.read_bytes() for path in drawn}) == 1
 
 
 def test_the_table_is_on_stdout_and_the_default_folder_is_named_after_the_run(tmp_path):

@@ -92,12 +92,22 @@ def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
     assert len(shown.notes) == 3, "nobody drew by recency"
 
 
+def test_nothing_is_minus_zero():
+    runs = {"dqn": finals(0.01), "gbdqn": finals(-0.03)}
+    assert tables.study(runs, CONFIG).rows[1][4:] == ["0.0 ±     –", "0.0", "+0.0"]
+    shown = tables.regimes({"dqn": summary(-0.01, [(-0.04,), (0, -0.001, 9), ()])}, CONFIG)
+    assert (shown.rows[0][1], shown.rows[1][2], shown.rows[3][1]) == ("0.0", "0%", "0.0")
+
+
 # --- a study --------------------------------------------------------------------------------------
 
 
 def test_the_table_of_a_study():
-    """Of 0, 1, 2, 3, 100 the mean is 21.2, the interquartile mean 2 and the deviation 44.1."""
-    regimes = [[(k,), (10 * k,), (-k,)] for k in range(5)]
+    """Of 0, 1, 2, 3, 100 the mean is 21.2, the interquartile mean 2 and the deviation 44.1.
+
+    In the regimes the returns are 0, 1, 4, 9 and 16, whose mean is 6, ten times that, and minus it.
+    """
+    regimes = [[(k**2,), (10 * k**2,), (-(k**2),)] for k in range(5)]
     final = [0, 1, 2, 3, 100]
     runs = [summary(final[seed], regimes[seed], seed) for seed in range(5)]
     dqn = finals(10, 11, 12, 13, 110)
@@ -105,7 +115,7 @@ def test_the_table_of_a_study():
         "MountainCar, 5 seeds: mean return per regime, and final return",
         ["agent", "0", "1", "2", "mean ± std", "IQM", "minus DQN's [95 %]"],
         [
-            ["GB-DQN", "2.0", "20.0", "-2.0", "21.2 ±  44.1", "2.0", "-10.0 [-10.0, -10.0]"],
+            ["GB-DQN", "6.0", "60.0", "-6.0", "21.2 ±  44.1", "2.0", "-10.0 [-10.0, -10.0]"],
             ["DQN", "0.0", "0.0", "0.0", "31.2 ±  44.1", "12.0", ""],
         ],
         [

@@ -1,11 +1,12 @@
 """Films and maps: they show what the agent does, and what cannot be shown is said in one line."""
 
+import os
 from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
 import pytest
-from helpers import SMALL, caught, contents, refused
+from helpers import SMALL, contents, refused
 from PIL import Image
 
 from gbdqn_ref import UsageError, drift, runs, train, watch
@@ -64,7 +65,8 @@ class World:
         self.calls.append(a)
         self.steps += 1
         ends = self.steps == 3
-        return np.full(1, self.steps), -1.5, ends and not self.truncated, ends, {}
+        terminated, truncated = ends and not self.truncated, ends and self.truncated
+        return np.full(1, self.steps), -1.5, terminated, truncated, {}
 
     def render(self):
         return grey(10 * self.steps)
@@ -160,7 +162,7 @@ def test_a_film_is_a_gif_that_repeats(tmp_path):
         frames = []
         for k in range(film.n_frames):
             film.seek(k)
-            frames.append((film.convert("RGB").getpixel((0, watch.CAPTION))[0]))
+            frames.append(film.convert("RGB").getpixel((0, watch.CAPTION))[0])
     assert frames[:3] == [0, 1, 2] and frames[-1] == 2
     with pytest.raises(UsageError, match=r"is written as \.gif"):
         watch.save([episode(3)], tmp_path / "film.mp4")
@@ -217,14 +219,14 @@ def test_the_film_has_the_returns_of_the_greedy_policy(run):
 
 
 def test_a_drift_that_begins_when_the_run_is_over_has_no_film(run):
-    with pytest.raises(UsageError, match="there is no drift 3 in the run in .*; it has 1 to 2"):
+    with pytest.raises(UsageError, match=r"there is no drift 3 in the run in .*; it has 1 to 2"):
         watch.film(run, 3)
 
 
 def test_a_run_with_one_drift_has_only_that(tmp_path):
     config = Config(env="mountaincar", **DRIFTING | dict(episodes=3))
     runs.write_json(tmp_path / "config.json", {"config": config.to_dict()})
-    with pytest.raises(UsageError, match="; it has only 1$"):
+    with pytest.raises(UsageError, match=r"; it has only 1$"):
         watch.film(tmp_path, 2)
 
 
@@ -261,18 +263,31 @@ def test_what_is_not_there_is_not_shown(run, tmp_path, monkeypatch, capsys, comm
     refused(capsys, tmp_path, arguments, keyword)
 
 
-def test_without_a_screen_pygame_and_mujoco_draw_in_memory(run, monkeypatch):
-    """What the user has set already is left alone."""
-    for given, expected in ((None, "dummy"), ("x11", "x11")):
-        monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
-        if given:
-            monkeypatch.setenv("SDL_VIDEODRIVER", given)
-        seen = caught(monkeypatch, drift, "make")
-        monkeypatch.setattr(watch, "episode", lambda *_: None)
-        monkeypatch.setattr(gymnasium.Wrapper, "render", lambda self: None)
-        watch.film(run)
-        assert len(seen) >= 2 and watch.os.environ["SDL_VIDEODRIVER"] == expected
+@pytest.mark.parametrize("platform", ["linux", "darwin"])
+def test_pygame_and_mujoco_are_told_to_draw_in_memory(run, monkeypatch, platform):
+    """They are told before an environment is made; what the user has set is left alone."""
+    seen, make = [], drift.make
+
+    def spy(*args, **options):
+        if options:
+            names = ("SDL_VIDEODRIVER", "MUJOCO_GL")
+            seen.append([options["render_mode"], *(os.environ.get(name) for name in names)])
+        return make(*args, **options)
+
+    monkeypatch.setattr(drift, "make", spy)
+    monkeypatch.setattr(watch, "episode", lambda *_: None)
+    monkeypatch.setattr(watch.sys, "platform", platform)
+    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.setattr(gymnasium.Wrapper, "render", lambda self: None)
+    watch.film(run)
     monkeypatch.delenv("SDL_VIDEODRIVER")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    watch.film(run)
+    assert seen[::2] == [
+        ["rgb_array", "x11", {"linux": "egl"}.get(platform)], ["rgb_array", "dummy", "osmesa"]
+    ]  # fmt: skip
+    monkeypatch.setenv("SDL_VIDEODRIVER", "")  # so that it is taken away again
 
 
 # --- maps -----------------------------------------------------------------------------------------
