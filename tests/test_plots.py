@@ -265,7 +265,7 @@ AFTER = {  # of five seeds, after both drifts: (drop, recovery, area)
 NEVER = 6 * (1 + plots.LANE)  # the longest regime after a drift has 6 episodes
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def adaptation():
     return plots.adaptation(AFTER, CONFIG)
 
@@ -388,7 +388,7 @@ def test_a_single_pair_has_no_interval():
 # --- maps of values -------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def maps():
     """Two actions' values change hands in one corner."""
     before = np.zeros((5, 5, 3))
