@@ -140,7 +140,8 @@ def test_ctrl_c_which_every_process_hears_leaves_one_line(tmp_path, start):
 
 def test_a_signal_in_the_first_moment_leaves_no_traceback(tmp_path, start):
     process = start("study", tmp_path / "out", *ENDLESS)
-    wait_for(lambda: children(process.pid))  # which are still importing
+    wait_for(lambda: len(children(process.pid)) == 2)  # which are still importing
+    time.sleep(0.1)  # the second has been told what to train
     os.killpg(process.pid, signal.SIGINT)
     _, stderr = process.communicate(timeout=2)
     assert process.returncode == 130 and stderr.count("\n") == 1

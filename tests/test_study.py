@@ -103,7 +103,7 @@ def test_the_command_shows_what_the_runs_have_stored(tmp_path, sequential, capsy
             (out / name).write_bytes(content)
     assert main(study_arguments(out)) == 0
     printed = capsys.readouterr().out
-    (summaries, records), config = study.report(out), CONFIGS[0]
+    (summaries, records), config = study.report(out), CONFIGS["dqn-0"]
     tables.show(tables.study(summaries, config))
     assert printed.startswith(capsys.readouterr().out)
     level = summaries["dqn"][0]["random_return"]
