@@ -114,7 +114,7 @@ def test_before_the_first_drift_gbdqn_is_dqn_with_its_replay_under_every_reading
 
 
 @readings
-def test_a_drift_adds_a_booster_and_a_reset_none(reading):
+def test_a_drift_adds_a_booster_and_a_reset_does_not(reading):
     agent, counts = boosted(boosters=0, **reading), []
     for event in ("drift", "reset", "drift", "drift", "reset"):
         before = state_bytes(agent)
@@ -167,7 +167,7 @@ def test_freezing_takes_a_copy():
 
 
 @readings
-def test_what_has_been_learnt_is_what_is_frozen(reading):
+def test_a_drift_freezes_the_learner(reading):
     agent = boosted(boosters=1, **reading)
     theta, alpha = agent.theta.copy(), agent.alpha
     agent.on_drift("drift")
@@ -177,7 +177,7 @@ def test_what_has_been_learnt_is_what_is_frozen(reading):
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.7])
-def test_adding_a_booster_that_is_zero_changes_no_q_value(alpha):
+def test_adding_a_zero_booster_changes_no_q_value(alpha):
     agent = boosted(boosters=1, alpha=alpha)
     before, action = agent.q(states()), [agent.act(s, greedy=True) for s in states()]
     agent.on_drift("drift")
@@ -185,7 +185,7 @@ def test_adding_a_booster_that_is_zero_changes_no_q_value(alpha):
     assert [agent.act(s, greedy=True) for s in states()] == action
 
 
-def test_adding_a_booster_that_is_not_zero_does():
+def test_adding_a_nonzero_booster_changes_q_values():
     agent = boosted(boosters=1, zero_output=False)
     before = agent.q(states())
     agent.on_drift("drift")
@@ -193,7 +193,7 @@ def test_adding_a_booster_that_is_not_zero_does():
 
 
 @readings
-def test_a_new_booster_starts_anew(reading):
+def test_a_new_booster_has_fresh_weights_and_a_fresh_adam(reading):
     agent = boosted(boosters=1, **reading)
     old = agent.theta.copy()
     agent.on_drift("drift")
@@ -227,7 +227,7 @@ def assert_cache_is_fresh(agent):
 @pytest.mark.parametrize(
     "n", [7, 33, 95]
 )  # of a capacity of 40: not full, nearly full, twice around
-def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
+def test_cached_predictions_equal_a_fresh_forward_pass(reading, n):
     agent = quick_agent(**reading)
     for stage in range(4):
         feed(agent, n, seed=stage)
@@ -242,7 +242,7 @@ def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
     st.lists(st.one_of(st.integers(1, 60), st.sampled_from(["drift", "reset"])), max_size=8),
     st.booleans(),
 )
-def test_the_cache_stays_fresh_whatever_happens(events, live):
+def test_the_cache_stays_fresh_under_any_sequence_of_events(events, live):
     agent = quick_agent(capacity=30, hidden=(4,), target="live" if live else "frozen")
     for i, event in enumerate(events):
         if isinstance(event, int):
@@ -252,14 +252,14 @@ def test_the_cache_stays_fresh_whatever_happens(events, live):
     assert_cache_is_fresh(agent)
 
 
-def test_a_large_buffer_is_folded_in_whole():
+def test_folding_in_covers_the_whole_of_a_large_buffer():
     agent = quick_agent(capacity=3000)
     feed(agent, 2600, learn=0)  # the pass is made in pieces of 1024 rows
     agent.on_drift("drift")
     assert_cache_is_fresh(agent)
 
 
-def test_the_memo_of_the_last_state_does_not_outlive_a_drift():
+def test_a_drift_clears_the_memo_of_the_last_state():
     agent = quick_agent()
     feed(agent, 20)
     s = states(1)[0]
@@ -268,7 +268,7 @@ def test_the_memo_of_the_last_state_does_not_outlive_a_drift():
     np.testing.assert_allclose(agent.q(s), q_now(agent, s[None])[0], rtol=1e-4, atol=1e-5)
 
 
-def test_the_memo_is_not_fooled_by_a_state_that_is_written_over():
+def test_the_memo_notices_a_state_overwritten_in_place():
     agent = boosted()
     s = states(1)[0]
     agent.q(s)
@@ -277,7 +277,7 @@ def test_the_memo_is_not_fooled_by_a_state_that_is_written_over():
 
 
 @pytest.mark.parametrize("target", ["live", "frozen"])
-def test_an_answer_may_be_written_over_by_its_receiver(target):
+def test_a_caller_may_overwrite_the_q_values_it_gets(target):
     agent, s = boosted(target=target), states(1)[0]
     expected = agent.q(s).copy()
     agent.q(s)[:] = 99.0  # catches handing out the memo itself
@@ -290,7 +290,7 @@ def test_an_answer_may_be_written_over_by_its_receiver(target):
 @pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
 @pytest.mark.parametrize("target", ["live", "frozen"])
 @pytest.mark.parametrize("n", [20, 60])  # the buffer holds 40
-def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
+def test_closed_form_alpha_uses_the_whole_buffer(target, replay, n):
     agent = quick_agent(
         alpha="closed-form",
         target=target,
@@ -321,7 +321,7 @@ def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
     assert agent.ensemble.alpha[1] == pytest.approx(above / below, rel=1e-3)
 
 
-def test_the_first_learner_has_weight_1_under_the_closed_form_too():
+def test_the_first_learner_has_weight_1_with_closed_form_alpha_too():
     agent = quick_agent(alpha="closed-form")
     feed(agent, 20)
     agent.on_drift("drift")
@@ -400,7 +400,7 @@ def test_a_long_gradient_is_clipped_and_a_short_one_is_not(monkeypatch, agent):
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_the_target_network_glides_after_the_network_at_each_update(agent):
+def test_each_update_moves_the_target_network_towards_the_network(agent):
     learner = quick_agent(agent=agent, tau=0.25)
     feed(learner, 20)
     before = learner.theta_target.copy()
@@ -412,7 +412,7 @@ def test_the_target_network_glides_after_the_network_at_each_update(agent):
 
 @pytest.mark.parametrize("boosters", [0, 1, 2])
 @readings
-def test_priorities_follow_the_error_of_the_q_function_in_use(monkeypatch, reading, boosters):
+def test_priorities_use_the_td_error_of_the_q_function_in_use(monkeypatch, reading, boosters):
     """δ = y − Q_m(s, a) live, y − Q_{m−1}(s, a) frozen, whatever the loss is on."""
     agent = boosted(boosters=boosters, **reading)
     batch = next_batch(agent)
@@ -440,7 +440,7 @@ def test_the_q_function_is_the_sum_of_its_boosters(reading, boosters):
 
 @pytest.mark.parametrize("boosters", [0, 1, 3])
 @readings
-def test_the_stages_end_with_the_q_function(reading, boosters):
+def test_the_last_stage_is_the_q_function(reading, boosters):
     agent = boosted(boosters=boosters, **reading)
     stages = agent.staged_q(states())
     assert stages.shape == (max(1, boosters + (reading["target"] == "live")), 30, A)
@@ -450,7 +450,7 @@ def test_the_stages_end_with_the_q_function(reading, boosters):
             agent.ensemble.theta[0], states())[0], rtol=1e-4, atol=1e-5)  # fmt: skip
 
 
-def test_under_the_frozen_target_nothing_learnt_in_a_stage_counts_in_it():
+def test_with_a_frozen_target_the_learner_counts_only_once_frozen():
     agent = boosted(boosters=1, target="frozen")
     before, learner = agent.q(states()), agent.theta.copy()
     feed(agent, 20, seed=7, learn=3)
@@ -463,7 +463,7 @@ def test_under_the_frozen_target_nothing_learnt_in_a_stage_counts_in_it():
     np.testing.assert_allclose(finished.q(states()), expected, rtol=1e-4, atol=1e-5)
 
 
-def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
+def test_with_a_live_target_the_learner_counts_at_once():
     agent = boosted(boosters=1, target="live")
     before = agent.q(states())
     feed(agent, 20, seed=7, learn=3)
@@ -473,7 +473,7 @@ def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
     assert len(finished.ensemble) == 1 and np.array_equal(finished.q(states()), after)
 
 
-def test_a_run_without_a_drift_ends_with_its_first_learner_under_either_target():
+def test_without_a_drift_a_run_ends_with_its_first_learner():
     for target in ("live", "frozen"):
         agent = boosted(boosters=0, target=target)
         before = agent.q(states())
@@ -481,7 +481,7 @@ def test_a_run_without_a_drift_ends_with_its_first_learner_under_either_target()
         assert np.array_equal(finished.q(states()), before) and not len(finished.ensemble)
 
 
-def test_a_run_ends_with_the_last_booster_folded_in():
+def test_a_run_folds_in_its_last_booster():
     config = Config(
         episodes=4,
         hidden=(4,),
@@ -510,7 +510,7 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(values):
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
+def test_softmax_action_probabilities_are_proportional_to_exp_q(agent):
     learner = quick_agent(agent=agent, behaviour="softmax", temperature=0.5)
     feed(learner, 20)
     s = states(1)[0]
@@ -521,7 +521,7 @@ def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
     assert learner.epsilon == 0.0
 
 
-def test_a_run_with_the_softmax_policy_is_a_run():
+def test_a_run_can_use_the_softmax_policy():
     records = list(
         run(Config(episodes=4, behaviour="softmax", learning_starts=10, hidden=(4,), capacity=60))
     )
@@ -531,7 +531,7 @@ def test_a_run_with_the_softmax_policy_is_a_run():
 @pytest.mark.parametrize(
     ("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)]
 )  # of the action that is not the best
-def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
+def test_epsilon_greedy_explores_with_probability_epsilon(steps, share):
     agent = quick_agent(agent="dqn", epsilon_start=1.0, epsilon_end=0.2, epsilon_decay_steps=100)
     agent.steps, s = steps, states(1)[0]
     best = agent.act(s, greedy=True)
@@ -541,7 +541,7 @@ def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
 # --- the loop -------------------------------------------------------------------------------------
 
 
-def test_a_time_limit_is_no_termination():
+def test_a_time_limit_is_not_a_termination():
     config = Config(
         env="mountaincar", episodes=1, learning_starts=10_000, hidden=(4,), capacity=300
     )
@@ -554,14 +554,14 @@ def test_a_time_limit_is_no_termination():
     assert (agent.replay.s[1:200] == agent.replay.s2[:199]).all()
 
 
-def test_a_fallen_pole_is_a_termination_of_its_last_transition_only():
+def test_a_fallen_pole_terminates_only_the_last_transition():
     config = Config(episodes=2, learning_starts=10_000, hidden=(4,), capacity=300)
     agent = make_agent(config)
     lengths = [record["length"] for record in run(config, agent)]
     assert np.flatnonzero(agent.replay.terminated).tolist() == (np.cumsum(lengths) - 1).tolist()
 
 
-def test_updates_begin_and_recur_when_the_config_says():
+def test_updates_start_and_repeat_as_configured():
     config = Config(
         episodes=6,
         learning_starts=30,
@@ -578,7 +578,7 @@ def test_updates_begin_and_recur_when_the_config_says():
     )
 
 
-def test_agents_with_one_seed_meet_the_same_starts_and_others_others():
+def test_agents_with_the_same_seed_get_the_same_starts():
     firsts = {}
     for agent, seed in (("dqn", 0), ("gbdqn", 0), ("gbdqn", 1)):
         config = Config(
@@ -591,7 +591,7 @@ def test_agents_with_one_seed_meet_the_same_starts_and_others_others():
     assert len({episode_seed(seed, k) for seed in range(20) for k in range(20)}) == 400
 
 
-def test_an_evaluation_is_greedy_leaves_the_agent_as_it_was_and_can_be_repeated():
+def test_an_evaluation_is_repeatable_and_leaves_the_agent_unchanged():
     agent = boosted()
     before = state_bytes(agent)
     env = drift.make("cartpole", [{"episode": 0, "length": 2.0}])

@@ -45,7 +45,7 @@ def trained(config):
 # --- all of them ----------------------------------------------------------------------------------
 
 
-def test_every_agent_can_be_chosen_and_drawn():
+def test_every_agent_has_its_own_look_in_the_plots():
     looks = {(agent.colour, agent.line) for agent in AGENTS.values()}
     marks, labels = (
         {getattr(agent, what) for agent in AGENTS.values()} for what in ("mark", "label")
@@ -54,20 +54,20 @@ def test_every_agent_can_be_chosen_and_drawn():
 
 
 @every_agent
-def test_the_settings_that_an_agent_reads_or_has_of_its_own_exist(agent):
+def test_every_setting_that_an_agent_reads_or_overrides_exists(agent):
     assert set(AGENTS[agent].reads) | set(AGENTS[agent].own) <= set(SETTINGS)
 
 
 @every_agent
 @pytest.mark.parametrize("event", ["end", "typo", None])
-def test_an_event_that_is_none_is_refused(agent, event):
+def test_an_unknown_event_is_refused(agent, event):
     if agent != "random":
         with pytest.raises(ValueError, match="an event is 'drift' or 'reset', not"):
             agent_of(agent).on_drift(event)
 
 
 @every_agent
-def test_an_agent_hears_the_end_of_each_episode(agent):
+def test_an_agent_is_told_the_end_of_each_episode(agent):
     """Also of one that a time limit cut off, as all of these are."""
     config = Config(agent=agent, env="mountaincar", episodes=3, hidden=(4,), learning_starts=300)
     learner, heard = make_agent(config), []
@@ -77,7 +77,7 @@ def test_an_agent_hears_the_end_of_each_episode(agent):
     assert repr(heard) == repr([(record["return"], record["td_error"]) for record in records])
 
 
-def test_an_evaluation_changes_nothing_of_a_random_policy():
+def test_an_evaluation_does_not_change_a_random_policy():
     agent, watched = (make_agent(Config(agent="random")) for _ in range(2))
     for _ in range(5):
         watched.act(np.zeros(4, np.float32), greedy=True)
@@ -85,7 +85,7 @@ def test_an_evaluation_changes_nothing_of_a_random_policy():
 
 
 @every_agent
-def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
+def test_the_same_seed_gives_the_same_run_and_another_seed_does_not(agent):
     (records, one), (again, other) = (trained(Config(agent=agent, **DRIFTING)) for _ in range(2))
     assert records == again and state_bytes(one) == state_bytes(other)
     assert records != trained(Config(agent=agent, seed=1, **DRIFTING))[0]
@@ -93,7 +93,7 @@ def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
 
 @every_agent
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
-def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, bootstrap):
+def test_a_restored_agent_continues_identically(tmp_path, agent, bootstrap):
     config = Config(agent=agent, bootstrap=bootstrap, **DRIFTING)
     original, records = make_agent(config), []
     for record in run(config, original):
@@ -108,7 +108,7 @@ def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, boot
 
 
 @every_agent
-def test_a_run_that_is_killed_and_resumed_ends_with_the_same_bytes(tmp_path, monkeypatch, agent):
+def test_an_interrupted_run_resumes_to_the_same_bytes(tmp_path, monkeypatch, agent):
     def dies(*arguments):
         for record in run(*arguments):
             yield record
@@ -131,7 +131,7 @@ def test_a_run_that_is_killed_and_resumed_ends_with_the_same_bytes(tmp_path, mon
 
 
 @pytest.mark.parametrize("agent", sorted(set(AGENTS) - {"random"}))
-def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
+def test_every_agents_greedy_action_is_the_best_and_uses_no_random_number(agent):
     learner = agent_of(agent)
     feed(learner, 30)
     learner.on_drift("drift")
@@ -146,7 +146,7 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
     ("control", "agent", "replay"),
     [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")],
 )
-def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, replay):
+def test_the_replay_controls_differ_only_in_the_replay(control, agent, replay):
     (records, one), (same, other) = (
         trained(Config(**values, **DRIFTING))
         for values in (dict(agent=control), dict(agent=agent, replay=replay))
@@ -158,7 +158,7 @@ def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, r
     assert records != trained(Config(agent=agent, **DRIFTING))[0]
 
 
-def test_all_of_them_can_be_compared(tmp_path, capsys):
+def test_compare_takes_every_agent(tmp_path, capsys):
     settings = flags(**SMALL | dict(episodes=4, schedule=[{"episode": 2, "length": 2}]))
     command = [
         "compare",
@@ -191,7 +191,7 @@ def test_an_ensemble_of_one_is_dqn(replay):
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(2, 6), st.integers(0, 99))
-def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
+def test_the_members_start_differently_and_the_first_starts_as_dqn(members, seed):
     ensemble, dqn = (agent_of(agent, members=members, seed=seed) for agent in ("ensemble", "dqn"))
     assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(
         ensemble.theta[0], dqn.theta
@@ -202,7 +202,7 @@ def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
     assert not np.shares_memory(ensemble.theta, ensemble.theta_target)
 
 
-def test_the_q_function_is_the_mean_of_the_members():
+def test_an_ensembles_q_function_is_the_mean_of_its_members():
     agent = agent_of("ensemble", members=3)
     feed(agent, 30)
     expected = (
@@ -214,9 +214,7 @@ def test_the_q_function_is_the_mean_of_the_members():
 
 
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
-def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
-    monkeypatch, bootstrap
-):
+def test_every_member_is_updated_alone_towards_the_common_target(monkeypatch, bootstrap):
     """The same sums one member after the other, one transition after the other, in float64."""
     agent = agent_of("ensemble", members=3, bootstrap=bootstrap, max_grad_norm=0.05)
     feed(agent, 60)
@@ -254,7 +252,7 @@ def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.booleans(), min_size=3, max_size=3))
-def test_a_transition_that_a_member_does_not_see_does_not_move_it(sees):
+def test_a_member_does_not_learn_from_a_transition_it_does_not_see(sees):
     agent = agent_of("ensemble", members=3, batch_size=4)
     feed(agent, 20, learn=0)
     agent.seen[:] = sees
@@ -263,7 +261,7 @@ def test_a_transition_that_a_member_does_not_see_does_not_move_it(sees):
     assert (agent.theta != before).any(-1).tolist() == sees
 
 
-def test_a_member_sees_as_much_as_the_config_says_and_a_full_ring_is_drawn_anew():
+def test_what_a_member_sees_is_drawn_once_per_stored_transition():
     agent = agent_of("ensemble", members=4, bootstrap=0.3, capacity=500)
     feed(agent, 500, learn=0)
     first = agent.seen.copy()
@@ -273,7 +271,7 @@ def test_a_member_sees_as_much_as_the_config_says_and_a_full_ring_is_drawn_anew(
     assert (agent.seen[250:] == first[250:]).all() and not (agent.seen[:250] == first[:250]).all()
 
 
-def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
+def test_with_bootstrap_1_every_member_sees_everything_and_nothing_is_drawn():
     agent = agent_of("ensemble")
     before = agent.rng.bit_generator.state
     feed(agent, 200, learn=0)
@@ -284,7 +282,7 @@ def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
 
 
 @drifts
-def test_a_reset_starts_anew_and_keeps_the_replay(event):
+def test_a_reset_agent_restarts_learning_and_keeps_the_replay(event):
     agent = agent_of("reset")
     feed(agent, 60)
     theta, replay, epsilon = agent.theta.copy(), replay_bytes(agent), agent.epsilon
@@ -301,7 +299,7 @@ def test_a_reset_starts_anew_and_keeps_the_replay(event):
     assert agent.adam.t == 5
 
 
-def test_in_a_run_a_reset_begins_with_each_regime():
+def test_a_reset_agent_restarts_at_each_regime_of_a_run():
     config, updates = Config(agent="reset", **DRIFTING), []
     agent = make_agent(config)
     for _ in run(config, agent):
@@ -309,7 +307,7 @@ def test_in_a_run_a_reset_begins_with_each_regime():
     assert [k for k in range(1, 12) if updates[k] < updates[k - 1]] == [4, 7, 10]
 
 
-def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_ever_after():
+def test_a_frozen_agent_is_dqn_until_the_first_drift_and_never_changes_after_it():
     config, thetas = Config(agent="frozen", **DRIFTING), []
     agent, dqn = make_agent(config), make_agent(Config(agent="dqn", **DRIFTING))
     other = run(dqn.config, dqn)
@@ -321,7 +319,7 @@ def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_eve
     assert agent.steps == agent.replay.added and not np.isnan(record["td_error"])
 
 
-def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
+def test_a_frozen_agent_stays_frozen_and_keeps_exploring():
     agent = agent_of("frozen", epsilon_start=0.5, epsilon_end=0.5)
     feed(agent, 30)
     agent.on_drift("reset")
@@ -342,7 +340,7 @@ def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
 
 
 @pytest.mark.parametrize(("window", "capacity"), [(1, 90), (25, 90), (90, 25)])
-def test_a_sliding_window_holds_the_last_transitions_and_no_more(window, capacity):
+def test_a_sliding_window_holds_only_the_last_transitions(window, capacity):
     agent, dqn = (agent_of(name, window=window, capacity=capacity) for name in ("sliding", "dqn"))
     feed(dqn, 60, learn=0)
     rng, held = np.random.default_rng(0), []
@@ -362,7 +360,7 @@ def test_a_sliding_window_as_wide_as_the_replay_is_dqn():
     assert records == same != trained(Config(agent="sliding", **DRIFTING))[0]
 
 
-def test_the_random_policy_is_even_and_learns_nothing():
+def test_the_random_policy_is_uniform_and_learns_nothing():
     config = Config(agent="random", **DRIFTING)
     agent = make_agent(config)
     records = list(run(config, agent))

@@ -32,7 +32,7 @@ def test_td_targets_by_hand():
 
 
 @pytest.mark.parametrize("value", [1e30, np.inf, np.nan])
-def test_nothing_is_bootstrapped_from_a_termination(value):
+def test_a_terminal_transition_does_not_bootstrap(value):
     """Catches (1 − terminated) · q, which makes NaN of 0 · ∞."""
     q_next = np.full((2, 3), value)
     assert td_target(np.array([-1.0, 2.0]), np.array([True, True]), q_next, 0.99).tolist() == [
@@ -42,7 +42,7 @@ def test_nothing_is_bootstrapped_from_a_termination(value):
 
 
 @given(rngs(), sizes(6), sizes(3))
-def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
+def test_the_gradient_matches_finite_differences_of_the_loss(rng, B, A):
     q, y, weight, a = (
         rng.normal(size=(B, A)),
         rng.normal(size=B),
@@ -58,7 +58,7 @@ def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-10)
 
 
-def test_each_member_of_a_stack_has_a_gradient_of_its_own():
+def test_each_member_of_a_stack_gets_its_own_gradient():
     error, weight, a = (
         np.array([[1.0, -2.0], [3.0, 4.0]]),
         np.array([[0.5, 1.0], [0.0, 1.0]]),
@@ -114,7 +114,7 @@ def test_float32_stays_float32():
 
 
 @given(qs, temperatures, reals(), positives())
-def test_softmax_knows_differences_of_q_in_units_of_the_temperature_only(
+def test_softmax_depends_only_on_differences_of_q_over_the_temperature(
     q, temperature, shift, factor
 ):
     policy = softmax_policy(q, temperature)
@@ -128,7 +128,7 @@ def test_softmax_knows_differences_of_q_in_units_of_the_temperature_only(
 
 
 @given(qs, temperatures)
-def test_softmax_keeps_the_order_and_gives_up_no_more_than_the_entropy(q, temperature):
+def test_softmax_keeps_the_order_and_loses_at_most_its_entropy(q, temperature):
     """E_π Q ≥ max Q − τ ln |A|: the price of exploring."""
     policy = softmax_policy(q, temperature)
     assert (np.diff(policy[np.argsort(q)]) >= 0).all()
@@ -143,18 +143,18 @@ def test_softmax_is_over_the_last_axis(q, temperature):
 
 
 @pytest.mark.parametrize("temperature", [1e-3, 1e-9, 1e-100])
-def test_a_cold_softmax_is_uniform_over_the_best(temperature):
+def test_a_cold_softmax_is_uniform_over_the_best_actions(temperature):
     assert softmax_policy(np.array([1e3, 0.0, 1e3, -1e3]), temperature).tolist() == [0.5, 0, 0.5, 0]
 
 
 @pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan])
-def test_a_temperature_that_is_none_is_refused(temperature):
+def test_a_temperature_that_is_not_positive_is_refused(temperature):
     with pytest.raises(ValueError, match="temperature must be positive"):
         softmax_policy(np.zeros(2), temperature)
 
 
 @given(st.floats(0, 1), st.floats(0, 1), sizes(1000))
-def test_epsilon_goes_straight_from_start_to_end_and_stays(start, end, decay_steps):
+def test_epsilon_falls_linearly_from_start_to_end_and_stays_there(start, end, decay_steps):
     epsilons = [epsilon_schedule(step, start, end, decay_steps) for step in range(decay_steps + 3)]
     assert epsilons[0] == start
     assert epsilons[-3] == epsilons[-2] == epsilons[-1] == pytest.approx(end, abs=1e-12)
@@ -175,13 +175,13 @@ CHI_SQUARE_3_DOF = 16.266  # its 99.9 % quantile: four actions, three degrees of
 Q = np.array([0.5, 2.0, -1.0, 0.0], np.float32)
 
 
-def test_epsilon_greedy_explores_evenly_the_best_action_included():
+def test_epsilon_greedy_explores_all_actions_uniformly():
     rng = np.random.default_rng(0)
     expected = np.array([0.1, 0.7, 0.1, 0.1])  # ε = 0.4 over four actions, and 0.6 for the best
     assert chi_square(lambda: epsilon_greedy(Q, 0.4, rng), expected) < CHI_SQUARE_3_DOF
 
 
-def test_without_epsilon_the_first_of_the_best_is_taken():
+def test_with_epsilon_0_the_first_best_action_is_taken():
     rng = np.random.default_rng(0)
     assert {epsilon_greedy(np.array([0.0, 1.0, 1.0]), 0.0, rng) for _ in range(100)} == {1}
 

@@ -20,7 +20,7 @@ import bench
 import peers
 
 
-def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys):
+def test_the_command_prints_every_table_and_draws_the_plot(tmp_path, capsys):
     out = tmp_path / "new" / "bench.png"
     bench.main(["--tiny", "--out", str(out)])
     printed = capsys.readouterr().out
@@ -44,7 +44,7 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("out", "says"), [("", "is a folder"), ("file/bench.png", "file")])
-def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
+def test_an_impossible_output_path_is_refused_before_measuring(
     out, says, tmp_path, capsys, monkeypatch
 ):
     (tmp_path / "file").touch()
@@ -55,7 +55,7 @@ def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
     assert says in capsys.readouterr().err
 
 
-def test_the_base_of_a_comparison_is_1_and_a_ratio_is_taken_within_a_turn():
+def test_ratios_are_taken_within_a_turn_and_the_base_is_1():
     times = {"base": [1.0, 10.0, 1.0], "twice": [2.0, 20.0, 2.0], "slow once": [1.0, 10.0, 9.0]}
     rows = bench.compare({name: np.array(values) for name, values in times.items()}, "base")
     assert {name: ratio for name, (ratio, _) in rows.items()} == {
@@ -74,7 +74,7 @@ def test_measuring_warms_up_and_takes_turns():
 
 
 @pytest.mark.parametrize(("widths", "count"), [((6, 128, 128, 3), 11), ((4, 5, 2), 7), ((4, 2), 3)])
-def test_the_floor_is_the_matrix_products_of_an_update_and_no_more(monkeypatch, widths, count):
+def test_the_floor_counts_exactly_the_matrix_products_of_an_update(monkeypatch, widths, count):
     """Each has as many multiplications as the one it stands for, so the sum over an update must
     agree.
     """
@@ -88,7 +88,7 @@ def test_the_floor_is_the_matrix_products_of_an_update_and_no_more(monkeypatch, 
     assert sum(cost) == 2 * sum(layers) + sum(layers) + sum(layers[1:])  # two forward, dW, dh
 
 
-def test_the_memory_is_that_of_all_arrays():
+def test_the_memory_counts_every_array():
     """Per transition of Acrobot: two states of 6 float32, an int64, a float32, a bool; then the
     tree's leaves.
     """
@@ -97,7 +97,7 @@ def test_the_memory_is_that_of_all_arrays():
     assert rows["recency replay"][0] == pytest.approx(61 + 8 + 8 / 32, abs=0.1)
 
 
-def test_the_same_update_in_pytorch_gives_the_same_errors_and_the_same_network():
+def test_pytorch_computes_the_same_errors_and_the_same_network():
     pytest.importorskip("torch")
     batch = bench.noise(16, 4, 2)
     agent = DQN(4, 2, Config(agent="dqn", hidden=[8], lr=0.01), np.random.default_rng(0))
@@ -110,7 +110,7 @@ def test_the_same_update_in_pytorch_gives_the_same_errors_and_the_same_network()
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="about glibc's malloc")
-def test_freed_memory_is_kept_for_the_next_update():
+def test_freed_memory_is_reused_by_the_next_update():
     """Without the line in __init__, arrays of this size are fetched from the system anew each time,
     page by page.
     """

@@ -25,7 +25,7 @@ def inner(weights, x, y):
 
 
 @given(weighted_samples(), st.booleans(), st.sampled_from([1e-6, -0.5, 3.0, 1e6]))
-def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
+def test_alpha_is_the_minimum_of_its_parabola(sample, weighted, d):
     """f(α + d) − f(α) = d² B for both signs of d, f(α) = Σ w (r − α h)², in exact fractions."""
     residual, h, weights = sample
     assume(h.any())
@@ -52,7 +52,7 @@ def test_the_new_residual_is_orthogonal_to_the_booster(sample):
 
 
 @given(weighted_samples())
-def test_weights_are_roots_in_front_of_both_vectors(sample):
+def test_weighting_is_the_same_as_scaling_both_vectors_by_the_root(sample):
     residual, h, weights = sample
     assume(h.any())
     root = np.sqrt(weights)
@@ -62,7 +62,7 @@ def test_weights_are_roots_in_front_of_both_vectors(sample):
 
 
 @given(weighted_samples(), st.sampled_from([-565, -332, -1, 332, 565]))
-def test_a_booster_counts_the_same_whatever_its_scale(sample, exponent):
+def test_a_boosters_contribution_does_not_depend_on_its_scale(sample, exponent):
     """From 1e-170 to 1e170, in powers of two, which do not round.
 
     Catches an h² that underflows or overflows.
@@ -74,16 +74,16 @@ def test_a_booster_counts_the_same_whatever_its_scale(sample, exponent):
 
 
 @given(sizes(8).flatmap(vectors))
-def test_a_booster_that_is_0_gets_step_0(residual):
+def test_a_zero_booster_gets_alpha_0(residual):
     assert closed_form_alpha(residual, np.zeros_like(residual)) == 0.0
 
 
-def test_a_booster_that_is_0_wherever_a_weight_is_not_gets_step_0():
+def test_a_booster_that_is_0_wherever_it_counts_gets_alpha_0():
     assert closed_form_alpha(np.ones(2), np.array([0.0, 5.0]), np.array([1.0, 0.0])) == 0.0
 
 
 @given(vectors(3), vectors(3))
-def test_alpha_is_a_plain_float_in_double_precision(residual, h):
+def test_alpha_is_a_python_float_computed_in_double_precision(residual, h):
     single = closed_form_alpha(residual.astype(np.float32), h.astype(np.float32))
     assert type(single) is float
     assert single == closed_form_alpha(
@@ -91,7 +91,7 @@ def test_alpha_is_a_plain_float_in_double_precision(residual, h):
     )
 
 
-def test_vectors_that_do_not_match_are_refused_instead_of_broadcast():
+def test_mismatched_vectors_are_refused_and_not_broadcast():
     with pytest.raises(AssertionError, match="1"):
         closed_form_alpha(np.ones(3), np.ones((3, 1)))
     with pytest.raises(AssertionError, match="1"):
@@ -128,7 +128,7 @@ def test_q_is_the_sum_of_its_boosters_for_one_state_or_many(both, rng, lead):
 
 
 @given(ensembles(), rngs())
-def test_the_stages_telescope(both, rng):
+def test_consecutive_stages_differ_by_one_term(both, rng):
     """The last stage is q, and what each adds is its booster's term."""
     ensemble, members = both
     assume(members)
@@ -145,7 +145,7 @@ def test_the_empty_ensemble_is_the_zero_function(shape):
     assert ensemble.staged_q(np.ones(shape)).shape == (0, *expected.shape)
 
 
-def test_what_is_frozen_stays_frozen():
+def test_a_frozen_booster_keeps_its_own_copy():
     """Catches a stack that keeps a view of the θ that goes on learning."""
     net, x = MLP((2, 4, 3)), np.ones((5, 2))
     first, second = net.init(np.random.default_rng(0), 2)
@@ -160,12 +160,12 @@ def test_what_is_frozen_stays_frozen():
     assert ensemble.theta.shape == (2, net.size) and ensemble.alpha.tolist() == [0.5, 2.0]
 
 
-def test_a_booster_that_is_no_number_gets_no_step():
+def test_a_booster_with_nan_gets_alpha_nan():
     assert np.isnan(closed_form_alpha(np.ones(2), np.array([np.nan, 1.0])))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_alpha_too_large_for_a_float_is_the_largest_float(sign):
+def test_an_alpha_too_large_for_a_float_becomes_the_largest_float(sign):
     """The parabola falls all the way to its bottom, so a shorter step still gains."""
     alpha = closed_form_alpha(np.ones(2), np.full(2, sign * 5e-324))
     assert alpha == sign * np.finfo(float).max
@@ -180,7 +180,7 @@ def test_an_alpha_that_float32_cannot_hold_is_refused(alpha):
     assert len(ensemble) == len(ensemble.theta) == 0
 
 
-def test_without_data_the_closed_form_leaves_alpha_at_1():
+def test_without_data_closed_form_alpha_is_1():
     """Two drifts before the first step: nothing says that h should count differently."""
     config = Config(env="cartpole", alpha="closed-form", hidden=(4,), capacity=10)
     agent = GBDQN(2, 3, config, np.random.default_rng(0))

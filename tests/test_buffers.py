@@ -245,13 +245,13 @@ def test_the_same_seed_draws_the_same_batch_and_leaves_the_buffer_alone(kind, op
     assert replay.probabilities().tobytes() == before
 
 
-def test_ages_are_counted_from_the_newest_without_gaps():
+def test_ages_count_from_the_newest_without_gaps():
     """The drawing in the docstring: capacity 5 after 7 transitions."""
     assert fill(UniformReplay(5, D), 7).age(np.arange(5)).tolist() == [1, 0, 4, 3, 2]
     assert fill(UniformReplay(5, D), 3).age(np.arange(3)).tolist() == [2, 1, 0]
 
 
-def test_a_new_transition_enters_with_the_largest_priority_so_far():
+def test_a_new_transition_gets_the_largest_priority_so_far():
     """The largest that there ever was, not the largest that is left; and 1 before there was any."""
     replay = ProportionalReplay(2, D, priority_offset=0.5, priority_exponent=2.0)
     seen = []
@@ -280,7 +280,7 @@ def test_check_valid_finds_damage(array, place, value):
         replay.check_valid()
 
 
-def test_check_valid_finds_a_negative_priority_whose_sums_agree():
+def test_check_valid_finds_a_negative_priority_even_with_consistent_sums():
     replay = fill(ProportionalReplay(40, D), 30)
     replay.tree.set(np.array([3]), -1.0)
     with pytest.raises(AssertionError):
@@ -297,7 +297,7 @@ def test_a_buffer_and_a_config_have_the_same_defaults():
 
 
 @given(st.lists(positives(), min_size=2, max_size=6), st.data())
-def test_with_exponent_1_the_weights_undo_the_probabilities(p, data):
+def test_with_exponent_1_the_weights_cancel_the_probabilities(p, data):
     """E_P[w f] = mean f, whatever f is, added up over every transition."""
     P, f = (
         np.array(p) / sum(p),
@@ -336,7 +336,7 @@ def test_sampled_weights_are_at_most_1_and_the_largest_is_1(kind, options):
 
 
 @given(rngs(), sizes(600), st.sampled_from([0.01, 0.3, 1.0]), st.sampled_from([0, 1, 8]))
-def test_the_tree_finds_what_a_cumulative_sum_finds(rng, size, density, spread):
+def test_the_tree_finds_the_same_slots_as_a_cumulative_sum(rng, size, density, spread):
     """Among many empty leaves, of orders of magnitude that differ; up to rounding at the edges."""
     tree, leaves = SumTree(size), rng.random(size) * 10 ** rng.uniform(-spread, spread, size)
     leaves[rng.random(size) >= density] = 0
@@ -352,7 +352,7 @@ def test_the_tree_finds_what_a_cumulative_sum_finds(rng, size, density, spread):
 
 
 @given(rngs(), sizes(600), st.integers(1, 4))
-def test_the_tree_is_exact_in_whole_numbers(rng, size, largest):
+def test_the_tree_is_exact_on_whole_numbers(rng, size, largest):
     """Also on the edges, where the next leaf begins."""
     tree, leaves = SumTree(size), rng.integers(largest + 1, size=size)
     leaves[rng.integers(size)] = 1
@@ -388,7 +388,7 @@ def test_adding_a_transition_allocates_nothing(kind, options):
     assert peak < 8_000
 
 
-def test_no_error_builds_up_in_the_tree():
+def test_the_tree_does_not_accumulate_rounding_errors():
     """Catches sums that are kept by adding differences: 1e16 + 1 − 1e16 is 0."""
     tree = SumTree(300)
     tree.set(np.arange(300), np.ones(300))
@@ -399,7 +399,7 @@ def test_no_error_builds_up_in_the_tree():
 
 @pytest.mark.parametrize("rate", [0.0, 1e-12, 1e-3, 10.0])
 @pytest.mark.parametrize("added", [1, 33, 97])
-def test_the_closed_form_of_the_time_priorities_is_their_sum(rate, added):
+def test_the_closed_form_of_the_time_priorities_equals_their_sum(rate, added):
     """Catches 1 − e^{−α}, of which nothing is left at a small rate."""
     replay = fill(RecencyReplay(40, D, recency_rate=rate), added)
     assert replay.time_total() == pytest.approx(
@@ -408,7 +408,7 @@ def test_the_closed_form_of_the_time_priorities_is_their_sum(rate, added):
 
 
 @given(rngs(), st.floats(0, 1), st.sampled_from(RATES), sizes(60))
-def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added):
+def test_the_td_share_is_the_td_part_of_the_total_priority(rng, mix, rate, added):
     replay = fill(RecencyReplay(40, D, mix=mix, recency_rate=rate), added, rng)
     td, time = (
         sum(x) for x in (replay.tree.leaves, (exp(-rate * age) for age in range(len(replay))))
@@ -417,7 +417,7 @@ def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added
     assert 0 <= replay.td_share() <= 1
 
 
-def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
+def test_with_rate_0_recency_is_uniform_and_a_high_rate_draws_only_the_newest():
     replay = fill(RecencyReplay(40, D, mix=0.0, recency_rate=0.0), 97)
     np.testing.assert_allclose(replay.probabilities(), 1 / 40)
     newest = (
@@ -437,13 +437,13 @@ def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
     [lambda replay: replay.sample(3, np.random.default_rng(0)), lambda r: r.probabilities()],
     ids=["sample", "probabilities"],
 )
-def test_an_empty_buffer_says_so(kind, options, ask):
+def test_an_empty_buffer_cannot_be_sampled(kind, options, ask):
     with pytest.raises(ValueError, match=r"^the buffer is empty"):
         ask(kind(5, D, **options))
 
 
 @kinds
-def test_an_action_before_the_first_is_not_stored(kind, options):
+def test_a_negative_action_is_not_stored(kind, options):
     """Catches −1, which as an index is the last action."""
     replay = kind(5, D, **options)
     with pytest.raises(ValueError, match="not -1"):
@@ -453,7 +453,7 @@ def test_an_action_before_the_first_is_not_stored(kind, options):
 
 @pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
 @pytest.mark.parametrize("error", [np.nan, np.inf, -np.inf])
-def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error):
+def test_a_non_finite_td_error_is_refused_and_changes_nothing(kind, error):
     replay = fill(kind(5, D), 5)
     before = replay.probabilities().tolist()
     with pytest.raises(FloatingPointError, match=f"a priority is {abs(error)}: .* diverged"):
@@ -463,7 +463,7 @@ def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error
 
 @pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
 @pytest.mark.parametrize("priority", [np.nan, np.inf])
-def test_priorities_whose_sum_is_no_number_are_not_said_to_be_0(kind, priority):
+def test_a_non_finite_sum_of_priorities_is_reported_as_such(kind, priority):
     replay = fill(kind(5, D), 5)
     replay.tree.set(np.array([3]), priority)
     with pytest.raises(FloatingPointError, match=f"the priorities add up to {priority}"):
@@ -485,7 +485,7 @@ def all_zero(kind, n, **options):
 @pytest.mark.parametrize(
     ("kind", "options"), [(ProportionalReplay, {}), (RecencyReplay, {"mix": 1.0})]
 )
-def test_where_every_priority_is_0_there_is_nothing_to_draw_from(kind, options, n):
+def test_if_every_priority_is_0_nothing_can_be_drawn(kind, options, n):
     with pytest.raises(ValueError, match="priority_offset must be positive"):
         all_zero(kind, n, **options).sample(3, np.random.default_rng(0))
     with pytest.raises(ValueError, match="priority_offset must be positive"):
@@ -494,6 +494,6 @@ def test_where_every_priority_is_0_there_is_nothing_to_draw_from(kind, options, 
 
 @pytest.mark.parametrize("n", [10, 40, 300])
 @pytest.mark.parametrize("mix", [0.0, 0.5])
-def test_without_td_error_recency_alone_is_drawn(mix, n):
+def test_without_td_priority_recency_alone_decides_the_draws(mix, n):
     replay = all_zero(RecencyReplay, n, mix=mix, recency_rate=100.0)
     assert set(replay.sample(100, np.random.default_rng(0)).index) == {n - 1}

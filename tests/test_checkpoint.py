@@ -59,7 +59,7 @@ def assert_not_loaded(path, config=CONFIGS[2], match="."):
 
 
 @every_config
-def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, config):
+def test_a_restored_agent_is_identical_and_continues_identically(tmp_path, config):
     original, states = make_agent(config), {}
     records = []
     for record in run(config, original):
@@ -98,7 +98,7 @@ def test_a_run_that_was_over_and_is_given_more_episodes_is_one_that_never_stoppe
 
 
 @every_config
-def test_the_same_agent_is_the_same_bytes(tmp_path, config):
+def test_the_same_agent_is_saved_as_the_same_bytes(tmp_path, config):
     agents = [make_agent(config), make_agent(config)]
     for i, agent in enumerate(agents):
         list(run(config, agent))
@@ -113,7 +113,7 @@ def test_the_same_agent_is_the_same_bytes(tmp_path, config):
     )
 
 
-def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
+def test_the_state_holds_everything_an_agent_learns_with(saved):
     names = set(checkpoint.state(saved[1]))
     assert names >= {
         "theta",
@@ -139,7 +139,7 @@ def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
     }
 
 
-def test_a_loaded_agent_shares_nothing_with_another(saved):
+def test_a_loaded_agent_shares_no_memory_with_the_original(saved):
     path, original = saved
     before = exact_state(original)
     again = make_agent(CONFIGS[2])
@@ -148,7 +148,7 @@ def test_a_loaded_agent_shares_nothing_with_another(saved):
     assert exact_state(original) == before
 
 
-def test_no_pickle_is_ever_read_or_written(saved):
+def test_a_checkpoint_contains_no_pickle(saved):
     with np.load(saved[0], allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)
 
@@ -177,7 +177,7 @@ def test_a_truncated_file_is_refused(saved, kept):
 @pytest.mark.parametrize(
     "content", [b"hello\n", b"\x00" * 5000, b"PK\x03\x04", b"\x80\x04N.", b"\x93NUMPY\x01\x00"]
 )
-def test_a_file_that_is_something_else_is_refused(saved, content):
+def test_a_file_of_another_kind_is_refused(saved, content):
     saved[0].write_bytes(content)
     assert_not_loaded(saved[0], match="damaged or foreign")
 
@@ -200,7 +200,7 @@ def test_a_single_array_is_refused(saved):
     ],
     ids=lambda arrays: repr(arrays)[:40],
 )
-def test_arrays_of_something_else_are_refused(saved, arrays):
+def test_an_archive_of_other_arrays_is_refused(saved, arrays):
     np.savez(saved[0], **arrays)
     assert_not_loaded(saved[0], match="damaged or foreign")
 
@@ -216,7 +216,7 @@ def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
     assert not (path.parent / "exploded").exists()  # catches allow_pickle=True
 
 
-def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path):
     with pytest.raises((UsageError, OSError)):
         checkpoint.load(tmp_path, make_agent(CONFIGS[2]))
 
@@ -230,12 +230,12 @@ def rewritten(path, header=None, drop=(), **arrays):
     np.savez(path, header=np.array(json.dumps(old_header | (header or {}))), **new)
 
 
-def test_rewriting_alone_does_no_harm(saved):
+def test_a_rewritten_checkpoint_still_loads(saved):
     rewritten(saved[0])
     assert checkpoint.load(saved[0], make_agent(CONFIGS[2])) == 6
 
 
-def test_another_format_is_refused(saved):
+def test_another_format_version_is_refused(saved):
     rewritten(saved[0], {"format": 99})
     assert_not_loaded(saved[0], match="99")
 
@@ -243,7 +243,7 @@ def test_another_format_is_refused(saved):
 @pytest.mark.parametrize(
     "other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr
 )
-def test_the_checkpoint_of_another_run_is_refused(saved, other):
+def test_a_checkpoint_with_other_settings_is_refused(saved, other):
     assert_not_loaded(
         saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings"
     )
@@ -284,13 +284,13 @@ def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
     ],
     ids=repr,
 )
-def test_a_header_that_cannot_be_is_refused(saved, header):
+def test_an_invalid_header_is_refused(saved, header):
     rewritten(saved[0], header)
     assert_not_loaded(saved[0], match="damaged or foreign")
 
 
 @pytest.mark.parametrize("text", ["many", "[]", "{}", '{"bit_generator": "PCG64"}', "state"])
-def test_a_generator_that_cannot_be_is_refused(saved, text):
+def test_an_invalid_generator_state_is_refused(saved, text):
     if text == "state":  # a number that no generator can hold
         state = json.loads(checkpoint.state(saved[1])["rng"].item())
         state["state"]["state"] = -1
@@ -363,7 +363,7 @@ def test_a_flipped_bit_is_refused_or_harmless(saved):
 @pytest.mark.skipif(
     not os.path.exists("/proc/self/fd"), reason="counts the open files of this process"
 )
-def test_a_damaged_file_is_closed_again(saved):
+def test_a_damaged_file_is_closed(saved):
     path, _ = saved
     path.write_bytes(path.read_bytes()[:-100])
     before, errors = len(os.listdir("/proc/self/fd")), []
@@ -378,7 +378,7 @@ def test_a_damaged_file_is_closed_again(saved):
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monkeypatch, call):
+def test_an_incomplete_save_leaves_the_previous_checkpoint(saved, monkeypatch, call):
     path, agent = saved
     old = path.read_bytes()
     list(run(CONFIGS[2], agent, 6))
@@ -393,6 +393,6 @@ def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monk
     assert path.read_bytes() == old and checkpoint.load(path, make_agent(CONFIGS[2])) == 6
 
 
-def test_a_checkpoint_is_a_whole_archive(saved):
+def test_a_checkpoint_is_a_valid_zip_archive(saved):
     with zipfile.ZipFile(saved[0]) as archive:
         assert archive.testzip() is None

@@ -34,7 +34,7 @@ def names(folder):
 @pytest.mark.parametrize(
     ("name", "encoding"), [("settings", "latin-1"), ("settings", "ascii"), ("train", "ascii")]
 )
-def test_what_stdout_cannot_encode_is_replaced(tmp_path, name, encoding):
+def test_characters_that_stdout_cannot_encode_are_replaced(tmp_path, name, encoding):
     more = [*FEW, "--out", tmp_path / "out"] if name == "train" else []
     result = subprocess.run(
         command(name, *more), env=environ(PYTHONIOENCODING=encoding), capture_output=True
@@ -43,13 +43,13 @@ def test_what_stdout_cannot_encode_is_replaced(tmp_path, name, encoding):
     assert b"?" in result.stdout.decode(encoding).encode()
 
 
-def test_an_ascii_file_system_takes_all_names_of_ours(tmp_path):
+def test_all_our_file_names_are_ascii(tmp_path):
     status, _, stderr = cli("drift-effect", *FEW, "--out", tmp_path / "out", **ASCII)
     assert (status, stderr) == (0, "")
     assert all(str(path.relative_to(tmp_path)).isascii() for path in tmp_path.rglob("*"))
 
 
-def test_a_name_of_the_user_works_where_it_cannot_be_printed(tmp_path):
+def test_a_folder_whose_name_cannot_be_printed_works(tmp_path):
     status, _, stderr = cli("compare", *FEW, "--out", tmp_path / "résumé", **ASCII)
     assert (status, stderr) == (0, "")
     assert names(tmp_path / "résumé" / "dqn") == RUN
@@ -67,7 +67,7 @@ def through_a_closed_pipe(stream, *arguments, **variables):
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("name", ["train", "settings", "--help"])
-def test_a_stdout_that_nobody_reads_is_no_error(tmp_path, name, unbuffered):
+def test_a_closed_stdout_pipe_is_no_error(tmp_path, name, unbuffered):
     more = [*FEW, "--out", tmp_path / "run"] if name == "train" else []
     result = through_a_closed_pipe("stdout", name, *more, PYTHONUNBUFFERED=unbuffered)
     assert (result.returncode, result.stderr) == (0, "")
@@ -75,14 +75,14 @@ def test_a_stdout_that_nobody_reads_is_no_error(tmp_path, name, unbuffered):
 
 
 @pytest.mark.parametrize(("arguments", "status"), [(FEW, 0), (["--env", "x"], 2)])
-def test_a_stderr_that_nobody_reads_is_no_error(tmp_path, arguments, status):
+def test_a_closed_stderr_pipe_is_no_error(tmp_path, arguments, status):
     result = through_a_closed_pipe("stderr", "train", *arguments, "--out", tmp_path / "run")
     assert result.returncode == status
     assert status or names(tmp_path / "run") == RUN
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
-def test_streams_that_are_closed_are_no_error(tmp_path, closed):
+def test_closed_streams_are_no_error(tmp_path, closed):
     line = " ".join(f"'{part}'" for part in command("train", *FEW, "--out", tmp_path / "run"))
     result = subprocess.run(
         f"{line} {closed}", shell=True, env=environ(), capture_output=True, text=True
@@ -94,7 +94,7 @@ def test_streams_that_are_closed_are_no_error(tmp_path, closed):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_disk_behind_stdout_is_one_line(tmp_path, unbuffered):
+def test_a_full_disk_behind_stdout_is_reported_in_one_line(tmp_path, unbuffered):
     with open("/dev/full", "w") as full:
         result = subprocess.run(
             command("train", *FEW, "--out", tmp_path / "run"),
@@ -126,7 +126,7 @@ def seen_on_a_terminal(*arguments):
 
 
 @pytest.mark.parametrize(("name", "episodes"), [("train", 3), ("compare", 6)])
-def test_a_bar_counts_the_episodes_on_a_terminal_but_not_in_a_log(tmp_path, name, episodes):
+def test_the_progress_bar_appears_on_a_terminal_but_not_in_a_log(tmp_path, name, episodes):
     seen = seen_on_a_terminal(name, *FEW, "--out", tmp_path / "seen")
     assert f" 0/{episodes} " in seen and f" {episodes}/{episodes} " in seen
     assert seen_on_a_terminal(name, *FEW, "--out", tmp_path / "quiet", "--quiet") == ""
@@ -138,14 +138,14 @@ def test_a_bar_counts_the_episodes_on_a_terminal_but_not_in_a_log(tmp_path, name
 
 
 @pytest.mark.parametrize("name", ["--help", "compare"])
-def test_a_foreign_backend_of_matplotlib_does_not_matter(tmp_path, name):
+def test_an_invalid_mplbackend_does_not_matter(tmp_path, name):
     more = [] if name == "--help" else [*FEW, "--out", tmp_path / "run"]
     status, stdout, stderr = cli(name, *more, MPLBACKEND="nonsense")
     assert (status, stderr) == (0, "") and stdout
 
 
 @pytest.mark.parametrize("renderer", ["nonsense", "osmesa"])
-def test_training_does_not_draw_and_so_needs_no_renderer(tmp_path, renderer):
+def test_training_needs_no_renderer(tmp_path, renderer):
     more = ["--agent", "random", "--out", tmp_path / "run"]
     status, _, stderr = cli("train", *HOPPER, *more, MUJOCO_GL=renderer)
     assert (status, stderr) == (0, "")
@@ -164,7 +164,7 @@ def test_a_film_without_a_renderer_is_refused_in_one_line(tmp_path):
 # --- errors that are not the user's ---------------------------------------------------------------
 
 
-def test_too_little_memory_is_one_line(tmp_path, monkeypatch, capsys):
+def test_too_little_memory_is_reported_in_one_line(tmp_path, monkeypatch, capsys):
     def train(*args, **options):
         raise MemoryError("Unable to allocate 12.0 GiB")
 
@@ -172,7 +172,7 @@ def test_too_little_memory_is_one_line(tmp_path, monkeypatch, capsys):
     refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "run")], "12.0 GiB")
 
 
-def test_divergence_is_one_line_and_a_status_of_its_own(tmp_path):
+def test_divergence_is_reported_in_one_line_with_exit_status_3(tmp_path):
     status, stdout, stderr = cli(
         "train", "--agent", "dqn", *DIVERGES, "--out", tmp_path / "run", "--quiet"
     )
@@ -229,7 +229,7 @@ def test_the_settings_of_a_preset_are_listed_with_their_sources(capsys):
     assert rows["recency_rate"][1] == "ours (D5)"
 
 
-def test_a_preset_alone_is_one_of_cartpole_as_it_is_in_training(capsys):
+def test_a_preset_without_an_environment_is_cartpoles_as_in_training(capsys):
     assert listed(capsys, "--preset", "fast") == listed(capsys, "--env", "cartpole-fast")
 
 
@@ -245,7 +245,7 @@ print(run_study(grid({"random": base}, range(2)), "study", jobs=2))
 """
 
 
-def test_a_study_needs_no_guard_in_the_script_that_calls_it(tmp_path):
+def test_a_script_can_call_run_study_without_a_main_guard(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     result = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, env=environ(), capture_output=True, text=True

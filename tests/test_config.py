@@ -53,7 +53,7 @@ def test_a_config_survives_json(a_config):
 
 @pytest.mark.parametrize(("name", "env"), ALL_PRESETS)
 @pytest.mark.parametrize("agent", AGENTS)
-def test_every_preset_is_a_config_with_a_drift(name, env, agent):
+def test_every_preset_is_a_valid_config_with_a_drift(name, env, agent):
     preset = Config.preset(env, name, agent=agent, seed=3)
     assert (preset.env, preset.agent, preset.seed) == (env, agent, 3)
     assert Config.from_dict(preset.to_dict()) == preset
@@ -62,7 +62,7 @@ def test_every_preset_is_a_config_with_a_drift(name, env, agent):
     )
 
 
-def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
+def test_every_environment_has_exactly_these_presets():
     presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in FACTORS}
     assert presets == {
         "cartpole": ["paper", "fast", "recurring", "null", "held-out"],
@@ -73,7 +73,7 @@ def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another(
 
 
 @pytest.mark.parametrize("env", FACTORS)
-def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
+def test_recurring_returns_to_the_same_physics_and_null_never_changes_them(env):
     recurring, null = Config.preset(env, "recurring"), Config.preset(env, "null")
     starts = [[regime.start for regime in each.regimes] for each in (recurring, null)]
     assert starts[0] == starts[1] and len(starts[0]) >= 5
@@ -87,7 +87,7 @@ def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
 
 
 @pytest.mark.parametrize("env", sorted(PRESETS["held-out"]))
-def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
+def test_the_held_out_schedule_has_new_factors_and_a_gradual_drift(env):
     recurring, held = Config.preset(env, "recurring"), Config.preset(env, "held-out")
     known = {entry["episode"] for entry in recurring.schedule}
     assert known.isdisjoint(r.start for r in held.regimes if r.end - r.start != 10 and r.start)
@@ -97,7 +97,7 @@ def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
     assert lengths.count(10) == 4 and len(set(lengths)) > 4
 
 
-def test_a_preset_can_be_named_with_its_environment():
+def test_an_environments_name_can_include_its_preset():
     assert (
         Config.preset("hopper-long") == Config.preset("hopper", "long") != Config.preset("hopper")
     )
@@ -159,7 +159,7 @@ def test_the_hopper_preset_has_the_papers_values():
     ]
 
 
-def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_to_learn():
+def test_the_long_hopper_differs_from_the_papers_only_in_length_and_warm_up():
     paper, long = Config.preset("hopper").to_dict(), Config.preset("hopper", "long").to_dict()
     changed = {key for key in paper if paper[key] != long[key]}
     assert changed == {
@@ -180,7 +180,7 @@ def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_t
     ("name", "n", "priority"),
     [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 180_000, 2.5)],
 )
-def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, priority):
+def test_recency_has_over_a_third_of_the_draws_at_the_end_of_a_run(name, n, priority):
     # transitions and mean p^TD at the end of the runs, as measured
     preset = Config.preset("hopper", name, capacity=n)
     replay = make_replay(preset.resolved(), 1)
@@ -190,7 +190,7 @@ def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, pri
 
 
 @pytest.mark.parametrize("env", ["acrobot", "mountaincar"])
-def test_the_papers_drifts_come_at_the_papers_episodes(env):
+def test_drifts_come_at_the_papers_episodes(env):
     schedule = Config.preset(env).schedule
     assert [entry["episode"] for entry in schedule] == [150, 250, 350, 450]
     assert schedule[-1] == {"episode": 450, "reset": True}
@@ -199,21 +199,21 @@ def test_the_papers_drifts_come_at_the_papers_episodes(env):
     assert third == first | second, "the third drift is the first and the second together"
 
 
-def test_given_values_take_precedence_over_a_preset():
+def test_given_values_override_a_preset():
     assert Config.preset("acrobot", lr=0.5, schedule=[]).to_dict() == Config.preset(
         "acrobot"
     ).to_dict() | {"lr": 0.5, "schedule": []}
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_each_agent_has_its_replay_by_default_and_any_other_on_request(agent):
+def test_each_agent_has_a_default_replay_that_can_be_overridden(agent):
     own = "recency" if agent in ("gbdqn", "dqn-recency") else "proportional"
     assert Config(agent=agent).resolved().replay == own
     assert Config(agent=agent, replay="uniform").resolved().replay == "uniform"
 
 
 @pytest.mark.parametrize("name", [*FLOATS, "alpha"])
-def test_a_whole_number_will_do_for_a_float(name):
+def test_a_whole_number_is_accepted_as_a_float(name):
     whole = 0 if name == "gamma" else 1
     # also to the byte of config.json, and so that α is a float before and after a drift
     assert json.dumps(Config(**{name: whole}).to_dict()) == json.dumps(
@@ -221,7 +221,7 @@ def test_a_whole_number_will_do_for_a_float(name):
     )
 
 
-def test_a_list_will_do_for_the_widths():
+def test_a_list_is_accepted_for_the_widths():
     assert Config(hidden=[8, 4]) == Config(hidden=(8, 4))
     assert Config(hidden=[]).hidden == ()
 
@@ -232,7 +232,7 @@ def test_a_config_cannot_be_changed(name):
         setattr(Config(), name, 1)
 
 
-def test_the_schedule_of_a_config_is_its_own():
+def test_a_config_copies_its_schedule():
     schedule = [{"episode": 1, "gravity": 2.0}]
     a_config = Config(schedule=schedule)
     schedule[0]["gravity"] = 3.0
@@ -243,7 +243,7 @@ def test_the_schedule_of_a_config_is_its_own():
     assert json.dumps(PRESETS) == before
 
 
-def test_every_field_is_followed_by_a_sentence_about_it():
+def test_every_field_is_followed_by_its_description():
     tree = ast.parse(inspect.getsource(config))
     (body,) = (
         node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == "Config"
@@ -309,7 +309,7 @@ EDGES = {  # the outermost values that are right
 @pytest.mark.parametrize(
     ("name", "value"), [(name, value) for name, values in EDGES.items() for value in values]
 )
-def test_what_is_just_allowed_is_taken(name, value):
+def test_values_at_the_limits_are_accepted(name, value):
     assert getattr(Config(**{name: value}), name) == value
 
 
@@ -331,13 +331,13 @@ def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
         ("schedule", [{"episode": np.int64(3), "gravity": np.float64(2.0)}]),
     ],
 )
-def test_numpys_numbers_will_do(name, value):
+def test_numpy_numbers_are_accepted(name, value):
     a_config = Config(**{name: value})
     assert getattr(a_config, name) == value
     assert Config.from_dict(json.loads(json.dumps(a_config.to_dict()))) == a_config
 
 
-def test_a_setting_that_is_the_agents_own_follows_a_change_of_agent():
+def test_an_agents_default_follows_a_change_of_agent():
     """Else "dqn" would train on GB-DQN's replay."""
     gbdqn = Config.preset("acrobot", agent="gbdqn")
     assert (gbdqn.replay, gbdqn.resolved().replay) == (None, "recency")
@@ -363,14 +363,14 @@ def test_the_environment_of_a_preset_is_not_replaced_by_another():
 
 
 @pytest.mark.parametrize("name", ["fast", "paper"])
-def test_an_environment_with_its_preset_takes_no_other_preset(name):
+def test_an_environment_named_with_its_preset_takes_no_other_preset(name):
     with pytest.raises(UsageError, match=f"names the preset hard, so it cannot be '{name}'"):
         Config.preset("acrobot-hard", name)
     assert Config.preset("acrobot-hard", "hard") == Config.preset("acrobot-hard")
 
 
 @pytest.mark.parametrize("values", [None, [], "dqn", 5, [["lr", 0.1]]])
-def test_settings_that_are_no_mapping_are_refused(values):
+def test_settings_that_are_not_a_mapping_are_refused(values):
     with pytest.raises(UsageError, match="settings must be a mapping"):
         Config.from_dict(values)
 
@@ -389,12 +389,12 @@ def test_the_source_of_a_value_is_the_paper_or_a_deviation():
     ("name", "meant"),
     [("epsiodes", "episodes"), ("batchsize", "batch_size"), ("Gamma", "gamma"), ("seeds", "seed")],
 )
-def test_an_unknown_setting_is_refused_with_the_one_that_was_meant(name, meant):
+def test_an_unknown_setting_is_refused_with_a_suggestion(name, meant):
     with pytest.raises(UsageError, match=f"no setting '{name}'; did you mean '{meant}'"):
         Config.from_dict({name: 1})
 
 
-def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
+def test_an_unknown_setting_unlike_all_others_gets_no_suggestion():
     with pytest.raises(UsageError, match=r"^there is no setting 'xyzzy'$"):
         Config.from_dict({"xyzzy": 1})
 
@@ -429,6 +429,6 @@ def test_an_unknown_preset_is_refused_with_the_known_ones(arguments, message):
         Config.preset(*arguments)
 
 
-def test_a_choice_is_refused_with_all_that_there_are():
+def test_a_wrong_choice_is_refused_with_the_valid_ones():
     with pytest.raises(UsageError, match=r"^target must be one of live, frozen, not 'half'$"):
         Config(target="half")

@@ -37,7 +37,7 @@ def run_length(level, shift, rng):
 
 
 @given(st.lists(reals(), min_size=1, max_size=12), st.sampled_from([0.0, 0.5, 2.0]))
-def test_the_sum_is_the_largest_over_all_beginnings(z, slack):
+def test_the_sum_is_the_largest_over_all_starts(z, slack):
     S, sums = 0.0, []
     for each in z:
         S = cusum(S, each, slack)
@@ -46,7 +46,7 @@ def test_the_sum_is_the_largest_over_all_beginnings(z, slack):
 
 
 @pytest.mark.parametrize("level", [2.0, 3.0, 4.0])
-def test_without_a_shift_alarms_are_as_rare_as_theory_has_it(level):
+def test_without_a_shift_alarms_are_as_rare_as_theory_predicts(level):
     """Siegmund (1985): E N = (e^{2Δb} − 2Δb − 1) / (2Δ²), Δ = k and b = h + 1.166."""
     rng, b = np.random.default_rng(0), level + 1.166
     expected = (exp(2 * SLACK * b) - 2 * SLACK * b - 1) / (2 * SLACK**2)
@@ -55,7 +55,7 @@ def test_without_a_shift_alarms_are_as_rare_as_theory_has_it(level):
 
 
 @pytest.mark.parametrize(("shift", "episodes"), [(1.0, 10.4), (2.0, 4.01), (3.0, 2.57)])
-def test_a_shift_is_found_as_soon_as_published_tables_say(shift, episodes):
+def test_a_shift_is_found_as_fast_as_published_tables_say(shift, episodes):
     """Average run lengths at k = 0.5, h = 5 (Montgomery, Statistical Quality Control)."""
     rng = np.random.default_rng(1)
     lengths = [run_length(5.0, shift, rng) for _ in range(2000)]
@@ -74,7 +74,7 @@ def test_the_alarm_names_the_step_of_the_change(shift, delay):
     assert abs(np.median(named) - 100) <= 1 and np.median(found) - 100 + 1 <= delay
 
 
-def test_an_alarm_forgets_the_reference():
+def test_an_alarm_clears_the_reference():
     chart = Chart(5.0)
     alarms_of(chart, [k % 2 for k in range(41)])
     assert alarms_of(chart, [9.0] * 3) == [(2, 0)]
@@ -82,7 +82,7 @@ def test_an_alarm_forgets_the_reference():
     assert alarms_of(chart, [50.0] * 20) == [], "a reference must be made first"
 
 
-def test_one_value_is_no_alarm_however_large():
+def test_a_single_value_never_raises_an_alarm():
     chart = Chart(LARGEST)
     alarms_of(chart, [k % 2 for k in range(61)])
     assert chart.update(1e9, 61) is None and chart.S == LARGEST - SLACK
@@ -97,7 +97,7 @@ def test_the_reference_follows_an_agent_that_learns():
     assert alarms_of(chart, [500.0] * 5)
 
 
-def test_a_chart_that_began_on_a_floor_still_sees_a_fall():
+def test_a_chart_that_started_with_constant_returns_still_sees_a_fall():
     """MountainCar's first returns are all −200: the spread is 0, and must not stay 0."""
     chart = Chart(5.0)
     learning = [200.0] * 35 + [*np.linspace(200, 120, 80)] + [120.0 + k % 2 for k in range(60)]
@@ -105,7 +105,7 @@ def test_a_chart_that_began_on_a_floor_still_sees_a_fall():
     assert alarms_of(chart, [200.0] * 6)
 
 
-def test_before_the_reference_is_known_nothing_is_an_alarm():
+def test_there_is_no_alarm_before_the_reference_is_known():
     assert alarms_of(Chart(0.1), [0.0] * (REFERENCE - 5) + [100.0] * 5) == []
 
 
@@ -116,7 +116,7 @@ def test_a_symptom_rises_when_things_get_worse():
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn", "gbdqn-reuse", "dqn-reuse", "reset"])
-def test_an_agent_that_detects_hears_nothing_of_the_schedule(monkeypatch, agent):
+def test_an_agent_that_detects_does_not_see_the_schedule(monkeypatch, agent):
     """Its run is the same where the schedule's events are taken away from what it hears."""
     schedule = [{"episode": 4, "length": 2}, {"episode": 7, "reset": True}]
     config = Config(agent=agent, drift_signal="return", **SMALL | dict(schedule=schedule))
@@ -125,14 +125,14 @@ def test_an_agent_that_detects_hears_nothing_of_the_schedule(monkeypatch, agent)
     assert [repr(record) for record in run(config)] == told
 
 
-def test_who_is_told_of_a_drift():
+def test_the_drift_signal_decides_which_events_are_announced():
     assert announced("schedule", 4, "reset") == "reset" and announced("schedule", 4, None) is None
     assert announced("return", 4, "drift") is None and announced("td_error", 4, "drift") is None
     assert announced([3, 4], 4, None) == "drift" and announced([3], 4, "drift") is None
     assert announced([], 4, "drift") is None
 
 
-def test_alarms_of_a_list_come_in_its_episodes():
+def test_a_list_of_episodes_announces_a_drift_in_each():
     heard = []
     config = Config(agent="dqn", drift_signal=[2, 5], **SMALL | dict(schedule=[], episodes=7))
     agent = make_agent(config)
@@ -151,7 +151,7 @@ def fall(agent, before, after):
     return agent.alarms.tolist()
 
 
-def test_an_alarm_is_a_drift_whose_data_are_those_since_the_change(monkeypatch):
+def test_an_alarm_is_a_drift_and_counts_the_data_since_the_change(monkeypatch):
     agent, told = agent_of("dqn", drift_signal="return", capacity=1000), []
     monkeypatch.setattr(agent, "on_drift", lambda event, fresh: told.append((event, fresh)))
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 3)
@@ -160,7 +160,7 @@ def test_an_alarm_is_a_drift_whose_data_are_those_since_the_change(monkeypatch):
 
 
 @pytest.mark.parametrize("level", [2.0, inf])
-def test_the_level_of_the_chart_is_the_configs(level):
+def test_the_chart_uses_the_alarm_level_of_the_config(level):
     agent = agent_of("dqn", drift_signal="return", alarm_level=min(level, 1e9), capacity=1000)
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 30)
     assert alarms == ([410] if level == 2.0 else [])

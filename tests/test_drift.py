@@ -46,7 +46,7 @@ def factors(entry, name="cartpole"):
 
 @named
 @both
-def test_gymnasium_finds_nothing_wrong(name, schedule):
+def test_gymnasiums_checker_finds_no_fault(name, schedule):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", f"(?s).*({KNOWN_WARNINGS})", UserWarning)
         check_env(
@@ -72,13 +72,13 @@ def test_episodes_count_from_0():
     assert [env.reset()[1]["regime"] for _ in range(8)] == [0, 0, 1, 1, 1, 2, 3, 3]
 
 
-def test_the_event_is_in_the_first_episode_of_a_regime_only():
+def test_only_the_first_episode_of_a_regime_has_the_event():
     env = make("cartpole", TWO)
     events = [env.reset()[1]["event"] for _ in range(8)]
     assert events == [None, None, "drift", None, None, "drift", "reset", None]
 
 
-def test_every_reset_and_step_says_regime_factors_and_event():
+def test_every_reset_and_step_reports_regime_factors_and_event():
     env = make("cartpole", TWO)
     for episode in range(7):
         _, info = env.reset(seed=0)
@@ -111,7 +111,7 @@ def test_a_reset_entry_restores_the_stock_physics():
     assert env.unwrapped.force_mag == 10.0
 
 
-def test_what_an_entry_does_not_name_is_1_again():
+def test_a_factor_that_an_entry_does_not_name_is_1_again():
     env = make("cartpole", [{"episode": 1, "gravity": 2.0}, {"episode": 2, "length": 3.0}])
     seen = [
         env.reset()[1]["factors"] for _ in range(3)
@@ -120,7 +120,7 @@ def test_what_an_entry_does_not_name_is_1_again():
     assert (env.unwrapped.gravity, env.unwrapped.length) == (9.8, 1.5)
 
 
-def test_the_physics_stay_as_they_are_within_an_episode():
+def test_the_physics_do_not_change_within_an_episode():
     env = make("cartpole", [{"episode": 1, "gravity": 2.0}])
     env.reset()
     for _ in range(3):
@@ -128,7 +128,7 @@ def test_the_physics_stay_as_they_are_within_an_episode():
         assert env.unwrapped.gravity == 9.8
 
 
-def test_options_jump_to_an_episode_and_counting_goes_on_from_there():
+def test_options_jump_to_an_episode_and_counting_continues_there():
     env = make("cartpole", TWO)
     jumps = [{"episode": 5}, None, {"episode": 2}, {"episode": 0}, {}]
     infos = [env.reset(options=options)[1] for options in jumps]
@@ -138,7 +138,7 @@ def test_options_jump_to_an_episode_and_counting_goes_on_from_there():
     assert env.unwrapped.gravity == 9.8
 
 
-def test_other_options_reach_the_environment_and_the_callers_dict_is_left_alone():
+def test_other_options_reach_the_environment_and_the_callers_dict_is_unchanged():
     options = {"episode": 2, "low": 0.04, "high": 0.05}
     s, info = make("cartpole", TWO).reset(seed=0, options=options)
     assert (s >= 0.04).all() and info["regime"] == 1
@@ -146,7 +146,7 @@ def test_other_options_reach_the_environment_and_the_callers_dict_is_left_alone(
 
 
 @pytest.mark.parametrize("episode", [-1, "2", None, 1.5])
-def test_an_episode_that_is_none_is_refused(episode):
+def test_an_invalid_episode_is_refused(episode):
     with pytest.raises(UsageError, match=f"episode must be .*, not {episode!r}$"):
         make("cartpole", TWO).reset(options={"episode": episode})
 
@@ -162,7 +162,7 @@ def test_an_entry_at_episode_0_is_regime_0_without_an_event():
     assert infos[0]["factors"]["gravity"] == 2.0
 
 
-def test_info_is_nobodys_to_share():
+def test_info_is_a_fresh_dict_each_time():
     env = make("cartpole", TWO)
     for _ in range(3):
         _, info = env.reset()
@@ -173,7 +173,7 @@ def test_info_is_nobodys_to_share():
     assert info["factors"]["gravity"] == 1.5 == env.unwrapped.gravity / 9.8 and info["regime"] == 1
 
 
-def test_a_schedule_is_neither_changed_nor_followed_when_its_owner_changes_it():
+def test_the_wrapper_copies_its_schedule():
     schedule = [{"episode": 1, "gravity": 2.0}]
     env = make("cartpole", schedule)
     for _ in range(3):
@@ -221,7 +221,7 @@ def test_counting_and_jumping_agree(name, data):
 
 
 @pytest.mark.parametrize("id", ["Pendulum-v1", "Acrobot-v1"])
-def test_a_foreign_environment_is_refused(id):
+def test_an_unsupported_environment_is_refused(id):
     with pytest.raises(
         UsageError, match=r"unknown environment .*cartpole, mountaincar, acrobot, hopper"
     ):

@@ -24,7 +24,7 @@ DRIFTING = SMALL | dict(episodes=3, learning_starts=10, schedule=drifts_at(1, 2,
         (100, 50, 60, None),
     ],
 )
-def test_what_is_lost_is_a_part_of_the_gain(random, frozen, trained, lost):
+def test_lost_is_the_share_of_the_gain_that_frozen_misses(random, frozen, trained, lost):
     returns = [np.array([level - 0.01, level + 0.01]) for level in (random, frozen, trained)]
     row = effect.cost(*returns)
     assert row == {"random": random, "frozen": frozen, "trained": trained, "lost": lost}
@@ -39,7 +39,7 @@ def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_l
         assert (row["lost"] is not None) == learnt
 
 
-def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path):
+def test_every_regime_is_trained_once_and_evaluated_in_its_physics(tmp_path):
     """Frozen is the agent of the stock physics, everywhere; all are evaluated with the seed 0."""
     learning = dict(episodes=8, update_every=1, gradient_steps=4, lr=0.03)
     config = Config.preset("cartpole", agent="dqn", seed=3, **DRIFTING | learning)
@@ -70,7 +70,7 @@ def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path)
     assert len(list(tmp_path.glob("*/summary.json"))) == 3
 
 
-def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
+def test_regimes_equal_to_six_digits_are_still_distinct(tmp_path):
     """A regime is known by its factors. One that returns is not trained again."""
     schedule = [
         {"episode": 1, "length": 1.0000001},
@@ -88,13 +88,13 @@ def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
     assert {path.parent.name for path in tmp_path.glob("*/summary.json")} == set(trained)
 
 
-def test_a_single_episode_has_no_standard_error(tmp_path):
+def test_drift_effect_needs_at_least_two_episodes(tmp_path):
     with pytest.raises(UsageError, match="2 episodes or more, not 1"):
         effect.drift_effect(Config(agent="random"), tmp_path / "out", episodes=1)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_that_fails_leaves_no_table(tmp_path):
+def test_a_failed_run_leaves_no_table(tmp_path):
     config = Config(agent="random", **DRIFTING)
     first, *others = effect.regimes(config)
     (tmp_path / "study.json").write_text('{"settings": {}}')
@@ -124,7 +124,7 @@ def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):
     assert "\n1 of 2 drifts cost at least 20% of the gain\n" in printed
 
 
-def test_a_run_of_other_settings_in_the_folder_is_refused(tmp_path, capsys):
+def test_a_folder_with_other_settings_is_refused(tmp_path, capsys):
     arguments = ["drift-effect", "--env", "cartpole", "--out", str(tmp_path), "--quiet"]
     arguments += flags(**DRIFTING | dict(schedule=[]))
     assert main(arguments) == 0

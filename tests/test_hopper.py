@@ -85,7 +85,7 @@ def stock_trajectory():
 @pytest.mark.parametrize(
     "by", [{"gravity": 1.3}, {"mass": 2.0}, {"friction": 0.7}, ALL | {"mass": 0.5}], ids=str
 )
-def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(
+def test_a_drifted_hopper_moves_like_one_compiled_with_its_constants(
     tmp_path, by, stock_trajectory
 ):
     # 1,000 steps to the bit. Masses by powers of 2: 1.7 · (1000 V) and 1700 V differ in a last bit
@@ -94,7 +94,7 @@ def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(
     assert not np.array_equal(states, stock_trajectory)
 
 
-def test_every_number_of_a_drifted_model_is_that_of_a_compiled_one(tmp_path):
+def test_every_number_of_a_drifted_model_equals_a_compiled_ones(tmp_path):
     # catches masses without inertias or what follows from them: subtree masses, inverse weights, M0
     mine, others = numbers(drifted(**ALL)), numbers(recompiled(tmp_path, **ALL))
     assert mine.keys() == others.keys()
@@ -113,7 +113,7 @@ def test_gravity_stays_vertical():
     assert drifted(gravity=2.0).model.opt.gravity.tolist() == [0, 0, 2 * -9.81]
 
 
-def test_only_sliding_friction_drifts_on_every_surface():
+def test_sliding_friction_alone_drifts_on_every_surface():
     stock, model = HopperEnv().model, drifted(friction=0.5).model
     assert model.geom_friction[:, 0].tolist() == (0.5 * stock.geom_friction[:, 0]).tolist()
     assert model.geom_friction[:, 1:].tolist() == stock.geom_friction[:, 1:].tolist()
@@ -121,7 +121,7 @@ def test_only_sliding_friction_drifts_on_every_surface():
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(factors, max_size=3), factors)
-def test_no_call_of_the_setter_builds_on_an_earlier_one(earlier, last):
+def test_a_setter_call_ignores_earlier_ones(earlier, last):
     env = HopperEnv()
     for by in [*earlier, last]:
         set_hopper(env, **by)
@@ -130,7 +130,7 @@ def test_no_call_of_the_setter_builds_on_an_earlier_one(earlier, last):
     assert not differing(env, HopperEnv()), "no factors are the stock hopper, to the bit"
 
 
-def test_a_setting_in_the_middle_of_an_episode_does_not_move_the_hopper():
+def test_setting_factors_in_mid_episode_does_not_move_the_hopper():
     env = HopperEnv()
     env.reset(seed=0)
     state = [*env.data.qpos, *env.data.qvel]
@@ -143,7 +143,7 @@ def test_only_the_instance_drifts():
     assert not differing(HopperEnv(), gymnasium.make("Hopper-v5"))
 
 
-def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_environment():
+def test_after_a_reset_of_the_physics_episodes_equal_a_new_environments():
     # what an earlier episode leaves behind would make a resumed run another one
     env = drift.make("hopper", [{"episode": 1, **ALL}, {"episode": 2, "reset": True}])
     for _ in range(2):
@@ -155,7 +155,7 @@ def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_env
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_of_a_drifted_hopper_is_drifted_alike(twin):
+def test_a_copy_of_a_drifted_hopper_has_the_same_drift(twin):
     env = drift.make("hopper", [{"episode": 0, **ALL}])
     env.reset(seed=0)
     copied = twin(env)  # MuJoCo's environments are built anew from their arguments: the stock model
@@ -172,7 +172,7 @@ def test_every_corner_of_the_factors_can_be_stepped():
         assert np.isfinite(states).all(), corner
 
 
-def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():
+def test_the_seven_actions_are_no_torque_or_full_torque_on_one_motor():
     env = drift.make("hopper")
     assert env.action_space == gymnasium.spaces.Discrete(7)
     for action, torques in enumerate(
@@ -206,7 +206,7 @@ def test_mujoco_is_not_imported_before_it_is_needed():
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_two_short_episodes_are_trained_across_a_drift(agent):
+def test_training_crosses_a_drift(agent):
     settings = dict(episodes=2, learning_starts=8, hidden=(8,), capacity=500, seed=1)
     config = Config.preset("hopper", agent=agent, schedule=[{"episode": 1, **ALL}], **settings)
     records = list(run(config))

@@ -63,10 +63,7 @@ COMMANDS = {
     ),
     "an unknown agent in a comparison": (["compare", "--agents", "gbdqn,ppo"], "'ppo'"),
     "no agent in a comparison": (["compare", "--agents", ""], "one of gbdqn, dqn"),
-    "an empty agent in a comparison": (
-        ["compare", "--agents", "gbdqn,,dqn"],
-        "one of gbdqn, dqn",
-    ),
+    "an empty agent in a comparison": (["compare", "--agents", "gbdqn,,dqn"], "one of gbdqn, dqn"),
     "an agent twice in a comparison": (["compare", "--agents", "dqn,dqn"], "twice"),
     "a comparison to be resumed": (["compare", "--resume"], "--resume"),
     "resuming without a folder": (["train", "--resume"], "--out"),
@@ -156,7 +153,7 @@ def test_a_wrong_setting_is_refused(tmp_path, capsys, command, arguments, keywor
         ("+1", 1.0),
     ],
 )
-def test_a_number_may_be_written_as_people_do(tmp_path, text, value):
+def test_a_number_can_be_written_in_any_usual_form(tmp_path, text, value):
     arguments = ["--agent", "random", "--set", "episodes=1", "--set", f"lr={text}", "--quiet"]
     assert main(["train", *arguments, "--out", str(tmp_path / "run")]) == 0
     assert runs.read_config(tmp_path / "run").lr == value
@@ -167,7 +164,7 @@ def test_a_number_may_be_written_as_people_do(tmp_path, text, value):
 
 @pytest.mark.parametrize("command", ["train", "compare"])
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
-def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path, capsys, command, place):
+def test_a_file_in_place_of_a_folder_is_refused(tmp_path, capsys, command, place):
     (tmp_path / "file").write_text("mine")
     refused(
         capsys,
@@ -183,14 +180,14 @@ def test_a_folder_that_is_not_empty_is_refused(tmp_path, capsys):
     refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "full"), *SMALL_RUN], "not empty")
 
 
-def test_a_folder_of_something_else_is_refused_by_compare(tmp_path, capsys):
+def test_compare_refuses_a_folder_of_other_files(tmp_path, capsys):
     (tmp_path / "both" / "gbdqn").mkdir(parents=True)
     (tmp_path / "both" / "gbdqn" / "thesis.txt").write_text("mine")
     refused(capsys, tmp_path, ["compare", "--out", str(tmp_path / "both"), *SMALL_RUN], "not empty")
 
 
 @pytest.mark.parametrize("place", ["nowhere", "empty", "file", "two\nlines"])
-def test_there_is_nothing_to_resume_where_there_is_no_run(tmp_path, capsys, place):
+def test_resuming_without_a_run_is_refused(tmp_path, capsys, place):
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("mine")
     refused(
@@ -279,7 +276,7 @@ def test_a_record_of_the_wrong_shape_is_refused(run, capsys, name, value):
 
 
 @pytest.mark.parametrize("name", ["env", "agent", "seed", "episodes"])
-def test_a_config_that_is_another_runs_is_refused(complete, tmp_path, capsys, name):
+def test_the_config_of_another_run_is_refused(complete, tmp_path, capsys, name):
     """config.json and summary.json must be of one run."""
     folder = Path(shutil.copytree(complete, tmp_path / "run"))
     content = json.loads((folder / "config.json").read_text())
@@ -289,7 +286,7 @@ def test_a_config_that_is_another_runs_is_refused(complete, tmp_path, capsys, na
 
 
 @pytest.mark.parametrize(("name", "value"), [("lr", -1), ("episodes", "many"), ("xyzzy", 1)])
-def test_a_config_with_a_value_that_cannot_be_is_refused(run, capsys, name, value):
+def test_a_config_with_an_invalid_value_is_refused(run, capsys, name, value):
     content = json.loads((run / "config.json").read_text())
     content["config"][name] = value
     (run / "config.json").write_text(json.dumps(content))

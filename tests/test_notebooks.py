@@ -20,7 +20,7 @@ MEGABYTE = 10**6
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
-def test_it_runs_from_top_to_bottom_and_shows_the_source_of_today(path, monkeypatch):
+def test_a_notebook_runs_and_shows_the_current_source(path, monkeypatch):
     """In fast mode; every assertion in a cell, solutions included, is one of this test's."""
     monkeypatch.setenv("NOTEBOOKS", "fast")
     executed = render.execute(render.read(path))
@@ -48,7 +48,7 @@ def test_the_committed_notebook_has_the_cells_of_its_source(path):
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
-def test_its_outputs_are_small_and_belong_to_no_machine(path):
+def test_its_outputs_are_small_and_machine_independent(path):
     """No paths, no memory addresses, no times, no widgets, no errors; every code cell was executed,
     in order.
     """
@@ -67,7 +67,7 @@ def test_its_outputs_are_small_and_belong_to_no_machine(path):
 
 
 @pytest.mark.parametrize("name", ["04_boosting", "05_replay"])
-def test_the_sliders_can_be_made(name):
+def test_the_sliders_work(name):
     """Their cells are left out above; as a script the same source runs with them."""
     environ = os.environ | {"NOTEBOOKS": "fast", "MPLBACKEND": "agg"}
     script = subprocess.run(
@@ -82,7 +82,7 @@ def test_the_sliders_can_be_made(name):
     assert "interactive(children=(FloatSlider(" in script.stdout
 
 
-def test_there_is_a_notebook_for_every_source_and_no_other():
+def test_notebooks_and_sources_match_one_to_one():
     assert {path.stem for path in FOLDER.glob("*.ipynb")} == {path.stem for path in render.SOURCES}
 
 

@@ -31,7 +31,7 @@ def test_adams_constants_are_those_of_its_paper():
 
 
 @given(rngs(), sizes(3), sizes(5))
-def test_adam_moves_a_stack_as_it_moves_each_member(rng, k, n):
+def test_adam_treats_a_stack_like_each_member_alone(rng, k, n):
     stack, gradients = (
         rng.normal(size=(k, n)).astype(np.float32),
         rng.normal(size=(4, k, n)).astype(np.float32),
@@ -58,7 +58,7 @@ def test_adam_works_in_place_and_leaves_the_gradient_alone():
     assert (grad == 1).all()
 
 
-def test_adams_moments_never_become_denormal_and_where_nothing_pulls_nothing_moves():
+def test_adams_moments_never_become_denormal_and_zero_gradients_move_nothing():
     theta, adam = np.array([1, 1, -1, 1], np.float32), Adam(4, lr=1e-3)
     for g in ([1, -1, 1e-3, 0], [-1, -1, 1e-9, 0]):
         adam.step(theta, np.array(g, np.float32))
@@ -73,7 +73,7 @@ def test_adams_moments_never_become_denormal_and_where_nothing_pulls_nothing_mov
 
 
 @given(vectors(3), vectors(3), positives())
-def test_clipping_shortens_what_is_too_long_and_nothing_else(first, second, max_norm):
+def test_clipping_shortens_only_gradients_that_are_too_long(first, second, max_norm):
     stack = np.array([first, second])
     for grad, clipped in zip(stack, clip_by_norm(stack, max_norm), strict=True):
         norm, clipped_norm = np.linalg.norm(grad), np.linalg.norm(clipped)
@@ -88,7 +88,7 @@ def test_clipping_shortens_what_is_too_long_and_nothing_else(first, second, max_
         )  # catches a norm over the whole stack
 
 
-def test_clipping_takes_a_gradient_of_0_and_keeps_the_precision():
+def test_clipping_accepts_a_zero_gradient_and_keeps_the_precision():
     zero = np.zeros(
         (2, 3), np.float32
     )  # catches max_norm / ‖grad‖, which warns here, and warnings are errors

@@ -152,7 +152,7 @@ def constants(name, env):
     return {key: getattr(env, key) for key in CONSTANTS[name]}
 
 
-def test_every_environment_is_checked_here_or_is_hopper_with_a_file_of_its_own():
+def test_every_environment_but_hopper_is_checked_here():
     assert [*CONSTANTS, "hopper"] == list(drift.ENVIRONMENTS)
 
 
@@ -177,7 +177,7 @@ def test_all_factors_together_are_a_freshly_built_environment(name):
 
 
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
-def test_this_change_has_an_effect(name, key):
+def test_each_factor_has_an_effect(name, key):
     stock, changed = drifted(name), drifted(name, **{key: 1.5})
     assert (
         max(
@@ -208,7 +208,7 @@ def test_no_factors_restore_the_stock_constants_whatever_came_before(name, data)
 @pytest.mark.parametrize("name", CONSTANTS)
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
+def test_a_setter_call_ignores_earlier_ones(name, data):
     setter, used, unused = drift.ENVIRONMENTS[name][1], drifted(name), drifted(name)
     earlier, last = data.draw(factors_for(name)), data.draw(factors_for(name))
     setter(used, **earlier)  # catches *= in place of =
@@ -218,14 +218,14 @@ def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_only_the_instance_drifts_never_the_class(name):
+def test_only_the_instance_drifts_not_the_class(name):
     env = drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     later = drifted(name)
     assert constants(name, env) != constants(name, later) == constants(name, FRESH[name]())
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_a_setter_governs_just_the_constants_compared_here(name):
+def test_a_setter_changes_exactly_the_constants_compared_here(name):
     stock, env = drifted(name), drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
     assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(
@@ -283,7 +283,7 @@ def test_acrobot_has_the_options_of_the_stock_acrobot(option, value):
     assert max(gaps) > 1e-3, "the option has an effect"
 
 
-def test_acrobot_says_that_it_must_be_reset_first():
+def test_acrobot_asks_to_be_reset_first():
     with pytest.raises(ResetNeeded, match="reset"):
         Acrobot().step(0)
 
@@ -295,7 +295,7 @@ def test_a_step_before_the_first_reset_is_refused(name):
 
 
 @pytest.mark.parametrize("name", drift.ENVIRONMENTS)
-def test_there_is_no_action_before_the_first_or_after_the_last(name):
+def test_actions_out_of_range_are_refused(name):
     """Catches a list, of which −1 is the last element."""
     env = drift.make(name)
     env.reset(seed=0)
@@ -306,7 +306,7 @@ def test_there_is_no_action_before_the_first_or_after_the_last(name):
         env.step(action)
 
 
-def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
+def test_acrobot_names_the_valid_actions_when_it_refuses_one():
     env = Acrobot()
     env.reset(seed=0)
     with pytest.raises(UsageError, match=r"^action must be a whole number from 0 to 2, not -1$"):
@@ -315,7 +315,7 @@ def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
 
 @given(st.floats(-60, 60) | st.integers(-19, 19).map(lambda k: k * pi) | st.just(-0.0))
 @settings(max_examples=2000)
-def test_an_angle_is_wrapped_as_turn_by_turn_to_the_bit(angle):
+def test_an_angle_is_wrapped_as_gymnasium_does_to_the_bit(angle):
     for near in (angle, np.nextafter(angle, -np.inf).item(), np.nextafter(angle, np.inf).item()):
         assert wrap(near).hex() == stock_wrap(near, -pi, pi).hex()
 
@@ -345,7 +345,7 @@ def alike(env, other):
 
 
 @pytest.mark.parametrize("k", [0.5, 1.5, 4.0])
-def test_heavier_links_are_weaker_motors(k):
+def test_heavier_links_act_like_weaker_motors(k):
     heavy, weak = Acrobot(), Acrobot()
     set_acrobot(heavy, mass=k)  # catches a moment of inertia that keeps its mass
     weak.AVAIL_TORQUE = [torque / k for torque in Acrobot.AVAIL_TORQUE]
@@ -353,7 +353,7 @@ def test_heavier_links_are_weaker_motors(k):
 
 
 @pytest.mark.parametrize("k", [0.5, 1.5, 4.0])
-def test_longer_links_are_weaker_gravity_and_still_weaker_motors(k):
+def test_longer_links_act_like_weaker_gravity_and_even_weaker_motors(k):
     long, weak = Acrobot(), Acrobot()
     set_acrobot(long, length=k)  # catches a moment of inertia that scales with k instead of k²
     set_acrobot(weak, gravity=1 / k)
@@ -394,7 +394,7 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
     assert observed == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-def test_a_pole_ten_times_as_heavy_alone_accelerates_rightly():
+def test_a_pole_ten_times_as_heavy_accelerates_correctly():
     env, state = CartPoleEnv(), (0.0, 0.0, 0.0, 0.0)
     set_cartpole(env, pole_mass=10.0)
     # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6) = −12;

@@ -99,7 +99,7 @@ def test_a_learning_curve_shows_the_returns_and_their_trailing_means():
     assert list(random.get_ydata()) == [-3, -3]
 
 
-def test_a_learning_curve_stands_at_its_episodes():
+def test_a_learning_curve_is_drawn_at_its_episodes():
     axes = plots.learning_curves({"dqn": records(range(15), first=4)}, CONFIG, 0.0).axes[0]
     assert points(axes.lines[0]) == [(4 + k, k) for k in range(15)]
     assert points(axes.lines[1]) == [(18, 7)]
@@ -129,7 +129,7 @@ def test_regimes_within_the_run_are_marked_shaded_and_named():
     assert {(text.get_ha(), text.get_va()) for text in axes.texts[2:]} == {("center", "bottom")}
 
 
-def test_names_of_narrow_regimes_are_turned():
+def test_names_of_narrow_regimes_are_rotated():
     """One of 100 episodes is as wide as its name, one of less is not."""
     for start, turned in ((890, 0), (891, 90)):
         config = Config(episodes=1000, schedule=[{"episode": start, "gravity": 2}])
@@ -137,7 +137,7 @@ def test_names_of_narrow_regimes_are_turned():
         assert [text.get_rotation() for text in axes.texts[2:]] == [turned, turned]
 
 
-def test_a_curve_is_named_at_its_right_end():
+def test_a_curve_is_labelled_at_its_right_end():
     """The name stands where the trailing mean ends, in the curve's colour, beside the axes."""
     runs = {"dqn": records(range(20)), "reset": records([40] * 19 + [100])}
     axes = plots.learning_curves(runs, CONFIG, 80.0).axes[0]
@@ -152,14 +152,14 @@ def test_a_curve_is_named_at_its_right_end():
         assert text.get_color() == colour and text.get_transform() == axes.transAxes
 
 
-def test_a_run_too_short_for_a_trailing_mean_is_named_at_its_last_return():
+def test_a_run_too_short_for_a_trailing_mean_is_labelled_at_its_last_return():
     axes = plots.learning_curves({"dqn": records([0, 10, 4])}, CONFIG, 10.0).axes[0]
     low, high = axes.get_ylim()
     assert texts(axes)["DQN"].get_position()[1] == pytest.approx((4 - low) / (high - low))
     assert points(axes.lines[1]) == []
 
 
-def test_names_that_would_overlap_are_moved_apart_by_equal_parts():
+def test_overlapping_labels_move_apart_equally():
     gap = plots.LINE_HEIGHT
     apart = plots.apart(np.array([0.5, 0.1, 0.5 + gap / 2]))
     np.testing.assert_allclose(apart, [0.5 - gap / 4, 0.1, 0.5 + gap * 3 / 4])
@@ -184,7 +184,7 @@ def study(**runs):
     return figure.axes, figure
 
 
-def test_a_panel_shows_every_seed_their_mean_and_dqns():
+def test_a_panel_shows_every_seed_their_mean_and_dqns_mean():
     """Of 0, 3, 6, … the mean of the last 15 is 21 at episode 14; with 5 and 1 it has the mean 9."""
     seeds = [range(0, 60, 3), [5] * 20, [1] * 20]
     axes, _ = study(gbdqn=seeds, dqn=[[1] * 20, [2] * 20, [6] * 20])
@@ -219,7 +219,7 @@ def test_a_single_seed_has_no_band():
     assert not axes[0].collections
 
 
-def test_panels_stand_in_the_order_of_the_agents_and_the_rest_is_empty():
+def test_panels_follow_the_order_of_the_agents_and_spare_ones_are_hidden():
     axes, figure = study(dqn=[[1] * 20], reset=[[2] * 20], gbdqn=[[3] * 20], dqn_recency=[[4] * 20])
     names = [panel.get_title(loc="left") for panel in axes]
     assert names == ["DQN", "Reset-DQN", "GB-DQN", "DQN-recency", "", ""]
@@ -248,7 +248,7 @@ def test_every_panel_marks_the_regimes_within_the_run():
         assert (upright(panel), shaded(panel), panel.get_xlim()) == (STARTS, SHADED, (0, 20))
 
 
-def test_dqns_mean_is_drawn_only_where_there_is_one_and_not_upon_itself():
+def test_dqns_mean_is_drawn_only_in_other_agents_panels():
     for runs, lines in ((dict(gbdqn=[[1] * 20]), 3), (dict(dqn=[[1] * 20]), 3)):
         axes, _ = study(**runs)
         assert len(axes[0].lines) == lines + len(STARTS)
@@ -311,7 +311,7 @@ def test_areas_and_their_medians_stand_below_them(adaptation):
     assert placed(below)[1.2][-1][1] == looks_like("gbdqn")
 
 
-def test_undefined_recoveries_are_counted_apart_from_those_that_never_came(adaptation):
+def test_undefined_recoveries_are_counted_apart_from_missing_ones(adaptation):
     above, below = adaptation.axes
     counts = [(round(text.get_position()[0], 6), text.get_text()) for text in above.texts]
     assert counts == [(0.8, "2"), (2.2, "5")]
@@ -324,7 +324,7 @@ def test_undefined_recoveries_are_counted_apart_from_those_that_never_came(adapt
     assert not below.texts
 
 
-def test_the_scales_after_a_drift(adaptation):
+def test_the_axes_after_a_drift(adaptation):
     above, below = adaptation.axes
     assert level(above) == [NEVER] and level(below) == [1, 0]
     assert above.get_ylim() == (0, pytest.approx(6 * (1 + 2 * plots.LANE)))
@@ -342,7 +342,7 @@ def test_the_scales_after_a_drift(adaptation):
     assert above.get_shared_x_axes().joined(above, below)
 
 
-def test_the_legend_after_a_drift_has_the_agents_that_learn(adaptation):
+def test_the_legend_after_a_drift_lists_the_agents_that_learn(adaptation):
     (legend,) = adaptation.legends
     assert [text.get_text() for text in legend.get_texts()] == ["DQN", "GB-DQN"]
     assert [look(line) for line in legend.get_lines()] == [looks_like("dqn"), looks_like("gbdqn")]
@@ -355,7 +355,7 @@ def test_the_legend_after_a_drift_has_the_agents_that_learn(adaptation):
 # --- differences to DQN ---------------------------------------------------------------------------
 
 
-def test_the_forest_shows_ours_minus_dqns_from_top_to_bottom():
+def test_the_forest_shows_each_agents_difference_to_dqn():
     """The differences are 1, 2, 3, 4, 100: their interquartile mean is 3, their mean 22."""
     dqn, ours = [10, 20, 30, 40, 50], [11, 22, 33, 44, 150]
     summaries = {"gbdqn": finals(*ours), "dqn": finals(*dqn), "reset": finals(0, 10, 20, 30, 40)}
@@ -380,7 +380,7 @@ def test_the_forest_shows_ours_minus_dqns_from_top_to_bottom():
     )
 
 
-def test_the_forest_forms_its_pairs_by_seed():
+def test_the_forest_pairs_runs_by_seed():
     ours = [summary(5, 3), summary(2, 13)]
     dqn = [summary(2, 10), summary(9, 99), summary(5, 0)]
     axes = plots.forest({"gbdqn": ours, "dqn": dqn}, CONFIG).axes[0]
@@ -422,14 +422,14 @@ def test_the_maps_show_what_the_booster_added(maps):
         np.testing.assert_array_equal(image, expected)
 
 
-def test_what_is_added_is_that_of_the_action_preferred_afterwards():
+def test_the_added_value_is_of_the_action_preferred_afterwards():
     """It adds 5 to the second action; the first stays the best, so nothing is seen of it."""
     before = np.full((2, 2, 3), [9.0, 0.0, 0.0])
     figure = plots.value_maps(before, before + [-1.0, 5.0, 0.0], 2)
     assert (pictures(figure)[1].get_array() == -1).all()
 
 
-def test_the_maps_have_common_colours_and_names(maps):
+def test_the_maps_share_colour_scales_and_labels(maps):
     assert [image.get_clim() for image in pictures(maps)] == [
         (1, 3), (-3, 3), (1, 3), (0, 2), (0, 1), (0, 2)
     ]  # fmt: skip
@@ -453,13 +453,13 @@ def test_the_maps_have_common_colours_and_names(maps):
     assert [axes.get_ylabel() for axes in maps.axes[:6]] == ["velocity, per step", "", ""] * 2
 
 
-def test_the_maps_have_a_scale_beside_each_picture_of_values(maps):
+def test_each_value_map_has_a_colour_bar(maps):
     scales = maps.axes[6:]
     assert len(scales) == 3
     assert [axes._colorbar.mappable for axes in scales] == pictures(maps)[:3]
 
 
-def test_the_lower_end_of_the_scale_is_the_lowest_best_value_of_both():
+def test_the_colour_scale_starts_at_the_lowest_greedy_value_of_both():
     before = np.full((2, 2, 3), -5.0)
     before[0, 0, 1] = -2
     figure = plots.value_maps(before, before + 1, 2)
@@ -467,7 +467,7 @@ def test_the_lower_end_of_the_scale_is_the_lowest_best_value_of_both():
     assert pictures(plots.value_maps(before, before - 1, 2))[0].get_clim() == (-6, -2)
 
 
-def test_the_maps_lie_on_the_plane_with_its_lowest_velocity_below(maps):
+def test_the_maps_cover_the_plane_with_the_lowest_velocity_at_the_bottom(maps):
     for image in pictures(maps):
         assert tuple(image.get_extent()) == (-1.2, 0.6, -0.07, 0.07)
         assert image.origin == "lower"
@@ -522,7 +522,7 @@ def unseen(figure):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_text_lies_upon_another(kind):
+def test_no_two_texts_overlap(kind):
     """With all agents, and the preset whose regimes have the longest names."""
     figure = drawn(kind, Config.preset("hopper"), AGENTS)
     figure.draw_without_rendering()
@@ -535,7 +535,7 @@ def test_no_text_lies_upon_another(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_picture_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
+def test_a_figure_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
     theirs = {
         "text.usetex": True, "font.size": 30, "font.family": "monospace", "lines.linewidth": 9,
         "savefig.bbox": "tight", "figure.facecolor": "red", "savefig.transparent": True,
@@ -549,7 +549,7 @@ def test_a_picture_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
     assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "theirs.png").read_bytes()
 
 
-def test_a_picture_is_a_png_in_a_folder_that_is_made(tmp_path):
+def test_a_figure_is_saved_as_png_in_a_new_folder(tmp_path):
     path = tmp_path / "a" / "new" / "forest.png"
     plots.save(drawn("forest", CONFIG, ["gbdqn", "dqn"]), path)
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -562,7 +562,7 @@ def test_a_picture_is_a_png_in_a_folder_that_is_made(tmp_path):
     ("name", "words"),
     [("x.pdf", r"is written as \.png"), ("x", r"is written as \.png"), (".", "is a folder")],
 )
-def test_a_file_of_another_kind_is_refused(tmp_path, name, words):
+def test_another_file_type_is_refused(tmp_path, name, words):
     with pytest.raises(UsageError, match=words):
         plots.save(drawn("forest", CONFIG, ["gbdqn", "dqn"]), tmp_path / name)
     assert not contents(tmp_path)
@@ -576,7 +576,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path, name, words):
         ("svg", "import matplotlib; matplotlib.use('pdf')", "pdf"),  # and so does what came first
     ],
 )
-def test_any_mplbackend_will_do(backend, before, then):
+def test_any_mplbackend_works(backend, before, then):
     code = f"""{before}
 import gbdqn_ref.watch, os, sys, matplotlib
 assert "matplotlib.pyplot" not in sys.modules or {bool(before)}

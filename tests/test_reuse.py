@@ -43,7 +43,7 @@ def test_dropped_data_are_never_learnt_from_again(agent):
 
 
 @pytest.mark.parametrize(("part", "left"), [(0.0, 6), (0.25, 14), (0.5, 23), (1.0, 40)])
-def test_the_newest_part_of_the_older_data_is_kept_and_all_that_is_fresh(part, left):
+def test_fresh_data_and_the_newest_part_of_older_data_are_kept(part, left):
     agent = agent_of("dqn", keep_data=part)
     feed(agent, 40)
     stored = agent.replay.s[:40].copy()
@@ -52,7 +52,7 @@ def test_the_newest_part_of_the_older_data_is_kept_and_all_that_is_fresh(part, l
     np.testing.assert_array_equal(agent.replay.s[agent.replay.slots()], stored[40 - left :])
 
 
-def test_learning_goes_on_once_there_is_a_batch():
+def test_learning_resumes_once_there_is_a_batch():
     config = Config(agent="dqn", keep_data=0.0, **DRIFTING)
     agent, updates = make_agent(config), []
     for record in run(config, agent):
@@ -61,7 +61,7 @@ def test_learning_goes_on_once_there_is_a_batch():
     assert agent.adam.t > 0
 
 
-def test_dropping_all_but_the_last_at_each_step_is_a_sliding_window():
+def test_keeping_the_last_transitions_equals_a_sliding_window():
     whole, window = agent_of("dqn", capacity=90), agent_of("dqn", capacity=30)
     feed(whole, 60, learn=0), feed(window, 60, learn=0)
     whole.replay.keep(30)
@@ -77,7 +77,7 @@ def test_dropping_all_but_the_last_at_each_step_is_a_sliding_window():
 
 
 @learners
-def test_adam_is_kept_or_restarted_as_the_config_says(agent):
+def test_adam_is_kept_or_restarted_as_configured(agent):
     for keep in (True, False):
         learner = agent_of(agent, keep_adam=keep)
         feed(learner, 20)
@@ -88,7 +88,7 @@ def test_adam_is_kept_or_restarted_as_the_config_says(agent):
 
 
 @learners
-def test_the_step_size_changes_at_an_event_and_stays(agent):
+def test_the_step_size_changes_at_the_first_event_and_stays(agent):
     learner = agent_of(agent, lr=0.01, lr_factor=5.0)
     feed(learner, 20)
     assert learner.adam.lr == 0.01
@@ -98,7 +98,7 @@ def test_the_step_size_changes_at_an_event_and_stays(agent):
         assert learner.adam.lr == (0.0 if agent == "frozen" else 0.05)
 
 
-def test_exploration_is_raised_at_an_event_and_falls_again():
+def test_epsilon_rises_at_an_event_and_decays_again():
     agent = agent_of("dqn", epsilon_restart=0.5, epsilon_decay_steps=100)
     feed(agent, 150, learn=0)
     assert agent.epsilon == pytest.approx(0.05)
@@ -110,7 +110,7 @@ def test_exploration_is_raised_at_an_event_and_falls_again():
     assert agent.epsilon == pytest.approx(0.05)
 
 
-def test_exploration_that_is_higher_is_not_lowered():
+def test_an_event_never_lowers_epsilon():
     agent = agent_of("dqn", epsilon_restart=0.2, epsilon_decay_steps=100)
     feed(agent, 10, learn=0)
     before = agent.epsilon
@@ -122,7 +122,7 @@ def test_exploration_that_is_higher_is_not_lowered():
 
 
 @pytest.mark.parametrize("agent", ["gbdqn", "gbdqn-reuse"])
-def test_a_warm_start_at_full_weight_with_everything_kept_is_dqn(agent):
+def test_a_warm_start_with_alpha_1_that_keeps_everything_is_dqn(agent):
     """Bit for bit, over more than a thousand updates and three events."""
     values = dict(replay="proportional", drift_signal="schedule", update_every=1)
     values = DRIFTING | values | dict(schedule=[{"episode": k, "length": 2} for k in (6, 12, 18)])
@@ -157,7 +157,7 @@ def test_a_warm_start_changes_no_value(alpha):
         feed(agent, 10, seed=1)
 
 
-def test_the_cached_predictions_are_those_of_the_frozen_sum():
+def test_cached_predictions_equal_the_frozen_sum():
     agent = agent_of("gbdqn-reuse", keep_data=0.5)
     for k in range(5):
         feed(agent, 30, seed=k)
@@ -192,7 +192,7 @@ def test_the_stages_are_rows_of_weights():
     np.testing.assert_allclose(ensemble.q(x), h[0] + 2 * h[1], rtol=1e-5)
 
 
-def test_what_is_carried_is_missing_from_the_sum_and_not_from_the_stage():
+def test_a_carried_weight_is_subtracted_from_the_sum_but_not_from_the_stage():
     net = MLP((2, 3, 2))
     ensemble, theta = Ensemble(net), net.init(np.random.default_rng(0))
     ensemble.add(theta, 1.0, carried=0.25)
@@ -215,7 +215,7 @@ def trained(stages, agent="gbdqn-reuse", **values):
     return agent
 
 
-def test_the_first_stage_has_nobody_to_compete_with():
+def test_the_first_stage_has_no_competitor():
     agent = trained(0)
     feed(agent, 30)
     agent.on_drift("drift")
@@ -224,7 +224,7 @@ def test_the_first_stage_has_nobody_to_compete_with():
 
 @pytest.mark.parametrize("agent", ["gbdqn-reuse", "dqn-reuse"])
 @pytest.mark.parametrize("winner", [0, 1, 2])
-def test_each_stage_plays_one_episode_and_the_best_goes_on(agent, winner):
+def test_each_stage_plays_one_episode_and_the_best_one_continues(agent, winner):
     agent = trained(2, agent)
     feed(agent, 30, seed=9)
     agent.on_drift("drift")
@@ -238,7 +238,7 @@ def test_each_stage_plays_one_episode_and_the_best_goes_on(agent, winner):
     assert agent.shelf.tolist() == [stage for stage in (0, 1, 2) if stage == 2 or stage != winner]
 
 
-def test_of_equals_the_newest_goes_on():
+def test_among_equal_stages_the_newest_continues():
     agent = trained(2)
     feed(agent, 30, seed=9)
     before = agent.q(states())
@@ -249,12 +249,12 @@ def test_of_equals_the_newest_goes_on():
     assert agent.shelf.tolist() == [0, 1, 2]
 
 
-def test_the_shelf_holds_the_last_stages_only():
+def test_the_shelf_holds_only_the_last_stages():
     agent = trained(SHELF + 2)
     assert agent.shelf.tolist() == [2, 3, 4] and len(agent.ensemble) == 5
 
 
-def test_trials_are_not_charted():
+def test_returns_of_trials_are_not_charted():
     """They are of several policies: their returns say nothing about the physics."""
     agent = trained(2)
     feed(agent, 10)
@@ -268,7 +268,7 @@ def test_trials_are_not_charted():
 
 
 @pytest.mark.parametrize(("later", "again"), [(-200.0, True), (-100.0, False)])
-def test_an_agent_that_does_not_recover_lets_its_stages_compete_again(later, again):
+def test_without_recovery_the_stages_compete_again(later, again):
     """The level before was −100, the floor −200: the middle is −150."""
     agent = agent_of("gbdqn-reuse", drift_signal="schedule", capacity=2000)
     for _ in range(WINDOW):
@@ -283,7 +283,7 @@ def test_an_agent_that_does_not_recover_lets_its_stages_compete_again(later, aga
     assert len(agent.replay) == 5 * PATIENCE, "the data are of these physics, so they stay"
 
 
-def test_a_level_that_was_not_recovered_is_not_the_one_to_be_reached_again():
+def test_an_unrecovered_level_does_not_become_the_new_target():
     agent = agent_of("gbdqn-reuse", drift_signal="schedule", capacity=2000)
     for total in [-100.0] * WINDOW + [-200.0]:
         play(agent, total)
@@ -302,7 +302,7 @@ COMBINATIONS = list(product(sorted(AGENTS), SIGNALS, (0.0, 0.5)))
 
 
 @pytest.mark.parametrize(("agent", "signal", "part"), COMBINATIONS)
-def test_every_agent_resumes_to_the_byte_with_every_signal(tmp_path, agent, signal, part):
+def test_every_agent_resumes_identically_under_every_signal(tmp_path, agent, signal, part):
     values = dict(drift_signal=signal, keep_data=part, epsilon_restart=0.3, lr_factor=2.0)
     config = Config(agent=agent, alarm_level=0.5, **DRIFTING | values)
     original, records = make_agent(config), []

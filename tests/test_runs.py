@@ -94,7 +94,7 @@ def test_every_process_writes_the_same_bytes(tmp_path, undisturbed, agent):
 
 
 @both
-def test_another_seed_writes_other_bytes(tmp_path, undisturbed, agent):
+def test_another_seed_writes_different_bytes(tmp_path, undisturbed, agent):
     runs.train(config_of(agent, seed=1), tmp_path, quiet=True)
     other = contents(tmp_path)
     assert [name for name in FILES if other[name] == undisturbed[agent][name]] == []
@@ -186,16 +186,14 @@ def test_every_agent_goes_on_as_if_it_had_never_stopped(tmp_path, monkeypatch, a
     assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
 
 
-def test_without_a_checkpoint_a_run_starts_anew(interrupted, undisturbed):
+def test_without_a_checkpoint_a_run_starts_over(interrupted, undisturbed):
     (interrupted / "checkpoint.npz").unlink()
     runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
     assert contents(interrupted) == undisturbed["gbdqn"]
 
 
 @pytest.mark.parametrize("tail", [b"21,2,,1", b"21,2,,14.0,14,", b"\n\n", b"\xff\xfe"])
-def test_a_line_that_was_half_written_after_the_checkpoint_does_no_harm(
-    interrupted, undisturbed, tail
-):
+def test_a_half_written_line_after_the_checkpoint_does_no_harm(interrupted, undisturbed, tail):
     with open(interrupted / "episodes.csv", "ab") as file:
         file.write(tail)
     runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
@@ -214,9 +212,7 @@ def test_a_half_written_file_from_before_the_crash_does_no_harm(interrupted, und
     "arguments",
     [[], ["--agent", "gbdqn", *SETTINGS], ["--env", "cartpole", "--seed", "0", *SETTINGS]],
 )
-def test_a_run_is_resumed_with_the_same_flags_or_with_none(
-    interrupted, undisturbed, arguments, capsys
-):
+def test_a_run_resumes_with_the_same_flags_or_none(interrupted, undisturbed, arguments, capsys):
     assert (
         __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 0
     )
@@ -249,7 +245,7 @@ def test_a_complete_run_is_only_read(tmp_path, undisturbed):
     assert contents(tmp_path) == undisturbed["dqn"]
 
 
-def test_ctrl_c_is_answered_in_words_and_can_be_resumed(
+def test_ctrl_c_leaves_a_hint_and_the_run_can_be_resumed(
     interrupted, undisturbed, monkeypatch, capsys
 ):
     def run(*arguments):
@@ -304,7 +300,7 @@ def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undistu
 
 
 @both
-def test_summary_json_sums_up_episodes_csv(undisturbed, agent):
+def test_summary_json_summarises_episodes_csv(undisturbed, agent):
     summary = json.loads(undisturbed[agent]["summary.json"])
     records = list(train.run(config_of(agent)))
     returns = [record["return"] for record in records]
@@ -338,7 +334,7 @@ def test_the_curve_shows_the_stored_episodes(tmp_path, undisturbed, agent):
 
 
 @pytest.mark.parametrize("env", drift.ENVIRONMENTS)
-def test_every_environment_can_be_run_from_the_command_line(tmp_path, env, capsys):
+def test_every_environment_runs_from_the_command_line(tmp_path, env, capsys):
     arguments = [
         "--env",
         env,
@@ -360,7 +356,7 @@ def test_every_environment_can_be_run_from_the_command_line(tmp_path, env, capsy
     assert "gravity × 1.1" in capsys.readouterr().out
 
 
-def test_the_summary_has_the_share_of_the_samples_that_go_by_recency(tmp_path, undisturbed):
+def test_the_summary_has_the_share_of_samples_drawn_by_recency(tmp_path, undisturbed):
     """(1 − β) Σ p^time of all that the two kinds of priorities sum up to (Eq. 10)."""
     restore(undisturbed["gbdqn"], tmp_path)
     config, agent = runs.read_agent(tmp_path)
@@ -384,9 +380,7 @@ def test_the_last_checkpoint_and_the_last_evaluation_are_of_the_finished_agent(t
     assert train.evaluate_regimes(agent, env, config) == summary["evaluation"][-1]
 
 
-def test_a_run_of_six_episodes_in_five_regimes_makes_at_most_six_environments(
-    tmp_path, monkeypatch
-):
+def test_a_short_run_makes_few_environments(tmp_path, monkeypatch):
     made, make = [], drift.gymnasium.make
     monkeypatch.setattr(
         drift.gymnasium,
@@ -461,7 +455,7 @@ def test_what_was_accepted_last_is_what_counts(interrupted, undisturbed, monkeyp
     assert (interrupted / "episodes.csv").read_bytes() == undisturbed["gbdqn"]["episodes.csv"]
 
 
-def test_comments_and_docstrings_may_change_on_the_way(interrupted, undisturbed, monkeypatch):
+def test_comments_and_docstrings_may_change_before_a_resume(interrupted, undisturbed, monkeypatch):
     for name, source in provenance.SOURCES.items():
         monkeypatch.setitem(provenance.SOURCES, name, source + b"\n# a comment\n")
     runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
@@ -620,7 +614,7 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     assert contents(out) == first
 
 
-def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, capsys):
+def test_compare_finishes_interrupted_runs(tmp_path, interrupted, undisturbed, capsys):
     out = tmp_path / "both"
     shutil.copytree(interrupted, out / "gbdqn")
     assert __main__.main(["compare", *SETTINGS, "--out", str(out), "--quiet"]) == 0
@@ -630,7 +624,7 @@ def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, 
     )
 
 
-def test_compare_shows_what_the_runs_have_stored(tmp_path, undisturbed, capsys):
+def test_compare_shows_the_stored_results(tmp_path, undisturbed, capsys):
     for agent, written in undisturbed.items():
         restore(written, tmp_path / agent)
     assert __main__.main(["compare", *SETTINGS, "--out", str(tmp_path)]) == 0
@@ -646,20 +640,20 @@ def test_compare_shows_what_the_runs_have_stored(tmp_path, undisturbed, capsys):
     assert len({path.read_bytes() for path in drawn}) == 1
 
 
-def test_the_table_is_on_stdout_and_the_default_folder_is_named_after_the_run(tmp_path):
+def test_the_table_is_printed_and_the_default_folder_has_the_runs_name(tmp_path):
     status, stdout, stderr = cli("train", *SETTINGS, "--agent", "dqn", cwd=tmp_path)
     assert (status, stderr) == (0, "") and "regime" in stdout
     assert set(contents(tmp_path / "runs" / "cartpole-dqn-0")) == FILES
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"], ["compare", "--help"]])
-def test_help_is_help(arguments, capsys):
+def test_help_prints_the_usage(arguments, capsys):
     with pytest.raises(SystemExit, match=r"^0$"):
         __main__.main(arguments)
     assert capsys.readouterr().out.startswith("usage: python -m gbdqn_ref")
 
 
-def test_a_run_does_not_begin_in_the_folder_of_another(tmp_path, undisturbed):
+def test_a_run_does_not_start_in_the_folder_of_another(tmp_path, undisturbed):
     restore(undisturbed["dqn"], tmp_path)
     with pytest.raises(UsageError, match="--resume"):
         runs.train(config_of("dqn"), tmp_path, quiet=True)
@@ -686,7 +680,7 @@ def test_after_each_regime_the_agent_is_evaluated_in_every_regime(tmp_path, undi
 
 
 @both
-def test_the_evaluation_changes_nothing_of_the_training(monkeypatch, undisturbed, agent):
+def test_the_evaluation_does_not_change_the_training(monkeypatch, undisturbed, agent):
     monkeypatch.setattr(train, "evaluate_regimes", lambda *_: [])
     without = list(train.run(config_of(agent)))
     monkeypatch.undo()
@@ -694,7 +688,7 @@ def test_the_evaluation_changes_nothing_of_the_training(monkeypatch, undisturbed
     assert repr(with_it) == repr(without)  # as text, in which nan is nan
 
 
-def test_regimes_that_a_short_run_does_not_reach_are_not_evaluated():
+def test_regimes_beyond_the_end_of_a_run_are_not_evaluated():
     config = Config.preset("cartpole", agent="dqn", **DRIFTING | {"episodes": 10})
     evaluations = {record["episode"]: len(record["evaluation"]) for record in train.run(config)}
     assert {episode: n for episode, n in evaluations.items() if n} == {7: 2, 9: 2}

@@ -11,11 +11,7 @@ from gbdqn_ref.schedule import FACTORS, LABELS, Regime, describe, regimes, stock
 
 STOCK = {"gravity": 1.0, "force": 1.0}
 REVERSED, HEAVY = STOCK | {"force": -1.0}, STOCK | {"gravity": 2.0}
-THREE = [
-    {"episode": 5, "force": -1.0},
-    {"episode": 8, "gravity": 2},
-    {"episode": 9, "reset": True},
-]
+THREE = [{"episode": 5, "force": -1.0}, {"episode": 8, "gravity": 2}, {"episode": 9, "reset": True}]
 
 
 def test_regimes_follow_one_another_without_gaps():
@@ -34,13 +30,13 @@ def test_regimes_are_cut_off_at_the_end_of_the_run(episodes, ends):
     assert [regime.end for regime in regimes("mountaincar", THREE, episodes)] == ends
 
 
-def test_an_entry_at_0_takes_the_place_of_the_stock_regime():
+def test_an_entry_at_0_replaces_the_stock_regime():
     found = regimes("mountaincar", [{"episode": 0, "force": -1.0}], 3)
     assert found == (Regime(0, 3, REVERSED, "drift"),)
     assert regimes("mountaincar", [], 3) == (Regime(0, 3, STOCK, None),)
 
 
-def test_a_regime_knows_whether_its_physics_are_the_stock_ones():
+def test_drifted_says_whether_a_regimes_physics_differ_from_stock():
     assert [regime.drifted for regime in regimes("mountaincar", THREE, 12)] == [
         False,
         True,
@@ -49,7 +45,7 @@ def test_a_regime_knows_whether_its_physics_are_the_stock_ones():
     ]
 
 
-def test_numpys_numbers_will_do():
+def test_numpy_numbers_are_accepted():
     entry = {"episode": np.int64(5), "force": np.float32(-0.5), "gravity": np.float64(2.0)}
     (_, drifted) = regimes("mountaincar", [entry], 9)
     assert drifted == Regime(5, 9, {"gravity": 2.0, "force": -0.5}, "drift")
@@ -57,7 +53,7 @@ def test_numpys_numbers_will_do():
 
 
 @pytest.mark.parametrize("env", FACTORS)
-def test_each_factor_is_an_argument_of_the_setter_of_its_environment(env):
+def test_each_factor_is_an_argument_of_its_environments_setter(env):
     _, setter = drift.ENVIRONMENTS[env]
     assert [*inspect.signature(setter).parameters][1:] == [*FACTORS[env]] == [*stock(env)]
     assert set(FACTORS) == set(drift.ENVIRONMENTS) == set(LABELS)

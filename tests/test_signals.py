@@ -130,7 +130,7 @@ def test_a_command_that_was_stopped_goes_on_to_the_same_bytes(tmp_path, start, l
     assert contents(tmp_path / "stopped") == left_alone(name)
 
 
-def test_ctrl_c_which_every_process_hears_leaves_one_line(tmp_path, start):
+def test_ctrl_c_to_every_process_leaves_one_line(tmp_path, start):
     process = start("study", tmp_path / "out", *ENDLESS)
     wait_for(lambda: len(begun(tmp_path / "out")) == 2)
     os.killpg(process.pid, signal.SIGINT)
@@ -138,7 +138,7 @@ def test_ctrl_c_which_every_process_hears_leaves_one_line(tmp_path, start):
     assert process.returncode == 130 and stderr.count("\n") == 1
 
 
-def test_a_signal_in_the_first_moment_leaves_no_traceback(tmp_path, start):
+def test_a_signal_during_startup_leaves_no_traceback(tmp_path, start):
     process = start("study", tmp_path / "out", *ENDLESS)
     wait_for(lambda: len(children(process.pid)) == 2)  # which are still importing
     time.sleep(0.1)  # the second has been told what to train

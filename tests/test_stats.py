@@ -48,21 +48,21 @@ def test_the_final_return_is_the_mean_of_the_last_50_episodes():
     assert final_return([1000.0] * 550 + [2.0] * 25 + [4.0] * 25) == 3.0
 
 
-def test_the_final_return_of_a_short_run_is_the_mean_of_all_of_it():
+def test_the_final_return_of_a_short_run_is_the_mean_of_all_its_episodes():
     assert final_return([1.0, 2.0, 6.0]) == 3.0
 
 
-def test_the_final_return_is_a_plain_float():
+def test_the_final_return_is_a_python_float():
     assert type(final_return([1.0])) is float
 
 
-def test_a_trailing_mean_looks_back_only():
+def test_a_trailing_mean_only_looks_back():
     assert trailing_mean(np.array([0.0, 0.0, 3.0, 6.0]), 3).tolist() == [1.0, 3.0]
     assert trailing_mean(np.array([4.0, 2.0]), 1).tolist() == [4.0, 2.0]
 
 
 @pytest.mark.parametrize("n", [0, 1, 4])
-def test_a_trailing_mean_of_too_little_is_empty(n):
+def test_a_trailing_mean_of_too_few_values_is_empty(n):
     assert trailing_mean(np.ones(n), 5).shape == (0,)
     assert trailing_mean(np.ones(5), 5).shape == (1,)
 
@@ -85,7 +85,7 @@ def test_recovery_is_the_episode_at_which_the_mean_of_10_is_first_at_90_percent(
 @pytest.mark.parametrize(
     "levels", [[0.89] * 300, [0.0] * 10, [0.0, 1.0] * 50, [-5.0] * 40 + [1.0] * 8]
 )
-def test_recovery_that_never_comes_is_none(levels):
+def test_a_recovery_that_never_comes_is_none(levels):
     assert recovery(levels) is None
 
 
@@ -94,11 +94,11 @@ def test_fewer_than_10_episodes_do_not_show_a_recovery(levels):
     assert recovery(levels) is None
 
 
-def test_recovery_means_a_mean_not_one_good_episode():
+def test_one_good_episode_is_no_recovery():
     assert recovery([0.0] * 5 + [1.0] + [0.0] * 30) is None
 
 
-def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
+def test_a_single_regime_has_neither_drop_nor_recovery():
     assert regime_table(records([10, 20]), 0.0) == [
         dict(
             regime=0,
@@ -113,7 +113,7 @@ def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
     ]
 
 
-def test_the_table_of_a_drop_and_a_recovery():
+def test_a_drop_and_a_recovery_by_hand():
     # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
@@ -157,7 +157,7 @@ def test_the_reference_is_the_last_20_episodes_before_the_drift():
     assert table[1]["drop"] == 0.5  # catches the mean of the whole regime, or the first 20
 
 
-def test_the_drop_is_that_of_the_first_20_episodes_after_the_drift():
+def test_the_drop_covers_the_first_20_episodes_after_the_drift():
     assert regime_table(records([100] * 20, [50] * 20 + [100] * 80), 0.0)[1]["drop"] == 0.5
 
 
@@ -166,7 +166,7 @@ def test_a_gain_is_a_negative_drop():
     assert (row["drop"], row["recovery"]) == (-0.5, 10)
 
 
-def test_a_level_is_counted_from_the_random_policy_where_returns_are_negative():
+def test_negative_returns_are_measured_from_the_random_policy():
     row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[
         1
     ]  # −140 is (500 − 140) / 400 = 0.9 of the way
@@ -175,13 +175,13 @@ def test_a_level_is_counted_from_the_random_policy_where_returns_are_negative():
     assert regime_table(records([-100] * 20, [-139] * 30), -500.0)[1]["recovery"] == 10
 
 
-def test_a_recovery_that_does_not_come_within_the_regime_is_censored():
+def test_a_recovery_after_the_end_of_the_regime_does_not_count():
     table = regime_table(records([100] * 20, [0] * 30, [100] * 30), 0.0)
     assert (table[1]["drop"], table[1]["recovery"]) == (1.0, None)
 
 
 @pytest.mark.parametrize("before", [20.0, 19.0, -3.0])
-def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_policy(before):
+def test_a_level_no_better_than_random_has_nothing_to_lose(before):
     row = regime_table(records([before] * 20, [100] * 30), 20.0)[1]
     assert (row["drop"], row["recovery"]) == (None, None)
 
@@ -192,7 +192,7 @@ def test_a_standard_error_by_hand():
     assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; with n it would be 1 / √2
 
 
-def test_of_one_episode_no_standard_error_is_known():
+def test_a_single_episode_has_an_infinite_standard_error():
     assert standard_error([7.0]) == np.inf
 
 
@@ -210,7 +210,7 @@ def test_a_single_episode_before_a_drift_shows_no_gain():
     assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
 
 
-def test_what_is_within_two_standard_errors_of_random_cannot_be_lost():
+def test_a_level_within_two_standard_errors_of_random_has_nothing_to_lose():
     """1, 2, 3 is 2 ± 0.58, so it is not above 1 by two standard errors."""
     row = regime_table(records([1, 2, 3], [1] * 30), 1.0)[1]
     assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
@@ -222,7 +222,7 @@ def test_each_regime_is_compared_with_the_one_just_before_it():
     assert [row["drop"] for row in table] == [None, 0.5, 0.5]
 
 
-def test_a_short_regime_is_compared_with_what_there_is_before_it():
+def test_a_short_regime_is_compared_with_all_earlier_episodes_available():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
@@ -230,7 +230,7 @@ def test_a_short_regime_is_compared_with_what_there_is_before_it():
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
-def test_the_table_says_where_each_regime_begins_and_by_which_event():
+def test_the_table_gives_each_regimes_first_episode_and_event():
     rows = records([1] * 3, [1] * 4, [1] * 5)
     rows[7]["event"] = "reset"
     table = regime_table(rows, 0.0)
@@ -274,7 +274,7 @@ def test_the_interquartile_mean_is_taken_along_an_axis():
 
 
 @given(runs, rngs())
-def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
+def test_an_interval_lies_within_the_values_and_depends_only_on_its_seed(x, rng):
     state = rng.bit_generator.state
     low, high = bootstrap_interval(x, rng, resamples=50)
     assert x.min() - 1e-9 <= low <= high <= x.max() + 1e-9
@@ -303,7 +303,7 @@ def test_an_interval_of_two_values_by_hand():
         lambda: paired_difference([], [], np.random.default_rng(0)),
     ],
 )
-def test_nothing_has_no_average(ask):
+def test_an_average_of_no_values_is_refused(ask):
     with pytest.raises(UsageError, match=r"^at least one value is needed$"):
         ask()
 
@@ -311,7 +311,7 @@ def test_nothing_has_no_average(ask):
 @pytest.mark.parametrize(
     ("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1]), (3, 1)]
 )
-def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
+def test_unpaired_results_are_refused_and_not_broadcast(x, y):
     shapes = re.escape(f"not {np.shape(x)} and {np.shape(y)}")
     with pytest.raises(UsageError, match=f"one result per seed from both, {shapes}"):
         paired_difference(x, y, np.random.default_rng(0))
@@ -352,7 +352,7 @@ def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, 
     assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
 
 
-def test_environments_are_resampled_by_themselves():
+def test_each_environment_is_resampled_separately():
     """Runs that agree within each environment leave no spread, however far these are apart."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
@@ -360,7 +360,7 @@ def test_environments_are_resampled_by_themselves():
 
 
 @given(runs, rngs())
-def test_a_paired_difference_changes_its_sign_with_its_order(x, rng):
+def test_swapping_the_pair_changes_the_sign_of_the_difference(x, rng):
     y, state = x[::-1].copy(), rng.bit_generator.state
     middle, low, high = paired_difference(x, y, rng, resamples=200)
     rng.bit_generator.state = state
@@ -368,7 +368,7 @@ def test_a_paired_difference_changes_its_sign_with_its_order(x, rng):
     np.testing.assert_allclose(back, (-middle, -high, -low), atol=1e-9)
 
 
-def test_pairing_takes_out_what_the_seeds_share():
+def test_pairing_removes_variation_shared_by_the_seeds():
     seeds = np.array([0.0, 100.0, 200.0, 300.0, 400.0])
     assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
 
@@ -405,7 +405,7 @@ def row(drop, recovery, area):
     return {"drop": drop, "recovery": recovery, "area": area}
 
 
-def test_medians_are_of_the_runs_in_which_there_was_something_to_lose():
+def test_medians_use_only_runs_with_something_to_lose():
     rows = [row(0.5, 40, 0.9), row(None, None, None), row(0.7, None, 0.1), row(0.1, 10, 0.4)]
     assert regime_medians(rows) == {"recovery": 40, "area": 0.4, "undefined": 1}
 
@@ -415,12 +415,12 @@ def test_a_regime_that_most_runs_never_recover_from_has_an_area_but_no_recovery(
     assert regime_medians(rows) == {"recovery": None, "area": 0.5, "undefined": 0}
 
 
-def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
+def test_without_runs_that_had_something_to_lose_medians_are_undefined():
     rows = [row(None, None, None)] * 3
     assert regime_medians(rows) == {"recovery": None, "area": None, "undefined": 3}
 
 
-def test_forgetting_is_what_was_best_less_what_is_left():
+def test_forgetting_is_the_best_evaluation_minus_the_last():
     """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
 
@@ -457,7 +457,7 @@ def test_a_sign_flip_test_enumerates():
     assert p == 1.0
 
 
-def test_a_margin_has_to_be_exceeded():
+def test_the_test_asks_for_more_than_the_margin():
     x = [11.0, 12.0, 13.0, 9.5, 14.0, 12.5, 11.5, 13.5]
     ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 12.0, 13.0)]
     assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]

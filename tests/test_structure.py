@@ -62,13 +62,13 @@ def test_the_reading_order_names_every_module():
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_imports_go_against_the_reading_order_only(name):
+def test_modules_import_only_earlier_ones_in_the_reading_order(name):
     ours = {module for module, local in imports(TREES[name]) if local and module in TREES}
     assert all(MODULES.index(module) < MODULES.index(name) for module in ours)
 
 
 @pytest.mark.parametrize("name", sorted(NUMPY_ONLY))
-def test_the_learning_core_needs_numpy_alone(name):
+def test_the_learning_core_needs_only_numpy(name):
     trees = [TREES[module] for module in reached(name)]
     foreign = {module for tree in trees for module, local in imports(tree) if not local}
     assert foreign - set(sys.stdlib_module_names) <= {"numpy"}
@@ -100,12 +100,12 @@ def test_half_of_the_functions_have_at_most_5_statements():
     assert median(statements(function.values[0]) for function in FUNCTIONS) <= 5
 
 
-def test_the_functions_of_this_test_are_all_that_there_are():
+def test_these_tests_see_every_function():
     text = "".join(path.read_text() for path in PACKAGE.glob("*.py"))
     assert len(FUNCTIONS) == len(re.findall(r"^ *def \w", text, re.MULTILINE))
 
 
-def test_every_module_and_everything_public_in_it_says_what_it_does():
+def test_every_module_and_public_name_has_a_docstring():
     for name, tree in TREES.items():
         assert ast.get_docstring(tree), name
         for node in tree.body:
@@ -137,7 +137,7 @@ def test_every_deviation_is_listed_once_and_cited_at_its_line():
     assert set(listed) == cited
 
 
-def test_every_promise_names_tests_that_there_are():
+def test_every_promise_names_existing_tests():
     page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
     rows = [row for row in page.splitlines() if re.match(r"\| (?!promise)", row)]
     assert len(rows) > 10

@@ -95,7 +95,7 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
     assert ages == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/*")}
 
 
-def test_the_command_shows_what_the_runs_have_stored(tmp_path, sequential, capsys):
+def test_the_command_shows_the_stored_results(tmp_path, sequential, capsys):
     out = tmp_path / "out"
     for name, content in sequential.items():
         if content is not None:
@@ -181,7 +181,7 @@ def test_a_study_of_settings_is_reported_by_setting(tmp_path):
     assert [len(run) for run in records["a"] + records["b"]] == [2, 2, 3, 3]
 
 
-def test_results_from_before_runs_had_names_are_reported(tmp_path, sequential):
+def test_results_older_than_run_names_are_reported(tmp_path, sequential):
     assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
     expected = study.report(tmp_path)
     without(tmp_path / "results.json", "name", *(["runs", k] for k in range(4)))
@@ -233,13 +233,13 @@ def test_a_damaged_description_is_refused(tmp_path, content):
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "..", "-a", "a ", "a.", "é", "×", "a" * 201, "x.json"])
-def test_a_name_that_is_no_folder_on_every_system_is_refused(tmp_path, name):
+def test_a_name_that_some_system_cannot_use_is_refused(tmp_path, name):
     with pytest.raises(UsageError, match="a run needs a name of letters, digits"):
         study.run_study({name: AGENTS["random"]}, tmp_path / "out", Here(), quiet=True)
     assert not (tmp_path / "out").exists()
 
 
-def test_names_that_some_systems_take_for_one_are_refused(tmp_path):
+def test_names_that_differ_only_in_case_are_refused(tmp_path):
     configs = {"lr": AGENTS["dqn"], "LR": AGENTS["random"]}
     with pytest.raises(UsageError, match="upper and lower case"):
         study.run_study(configs, tmp_path, Here(), quiet=True)
@@ -251,7 +251,7 @@ def test_a_study_without_runs_is_refused(tmp_path):
             make()
 
 
-def test_a_seed_that_stands_twice_is_refused():
+def test_a_repeated_seed_is_refused():
     with pytest.raises(UsageError, match="twice"):
         study.grid(AGENTS, [3, 4, 3])
 
@@ -276,7 +276,7 @@ def test_runs_of_two_versions_are_mixed_only_where_that_is_accepted(tmp_path, se
     assert [row["versions"]["numpy"] for row in rows] == ["1.0", numpy, numpy, numpy]
 
 
-def test_a_worker_goes_on_with_a_run_of_another_version_where_that_is_accepted(tmp_path):
+def test_a_worker_continues_a_run_of_another_version_only_if_accepted(tmp_path):
     out = tmp_path / "out"
     assert study.run_study(FIRST, out, Here(), quiet=True) == {}
     expected = (out / "dqn-0" / "summary.json").read_bytes()
@@ -296,7 +296,7 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
     assert contents(tmp_path) == sequential
 
 
-def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
+def test_the_folder_of_a_running_study_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
     with (
         files.locked(tmp_path / "out"),
@@ -358,7 +358,7 @@ def test_a_comparison_is_a_study_of_one_seed(tmp_path, sequential, capsys):
     assert ages == [path.stat().st_mtime_ns for path in sorted((tmp_path / "out").glob("*/*"))]
 
 
-def test_a_comparison_that_is_older_than_its_description_is_continued(tmp_path):
+def test_a_comparison_without_a_description_is_continued(tmp_path):
     runs.train(AGENTS["dqn"], tmp_path / "out" / "dqn", quiet=True)
     summary = tmp_path / "out" / "dqn" / "summary.json"
     age = summary.stat().st_mtime_ns

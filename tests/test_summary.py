@@ -25,7 +25,7 @@ def agent(replay=None):
     return SimpleNamespace(replay=replay)
 
 
-def test_a_summary_says_what_was_run_and_how_it_went():
+def test_a_summary_has_the_settings_and_results_of_a_run():
     """Levels: the random policy at 10, 110 before the drift; 60 is half of that, 100 is 0.9."""
     before = [record(0, 109.0, 5), record(1, 110.0, 9), record(2, 111.0, 12, [3.0, 4.0])]
     after = [record(k, 60.0 if k < 23 else 100.0, 10 * k) for k in range(3, 62)]
@@ -50,14 +50,14 @@ def test_a_summary_says_what_was_run_and_how_it_went():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
-def test_the_share_by_recency_is_what_the_td_errors_leave(monkeypatch, share):
+def test_the_share_by_recency_is_1_minus_the_td_share(monkeypatch, share):
     replay = object.__new__(RecencyReplay)
     monkeypatch.setattr(RecencyReplay, "td_share", lambda self: share)
     summary = runs.summarise(CONFIG, agent(replay), [record(0, 1.0, 1)], 0.0)
     assert summary["recency_share_of_replay"] == 1 - share
 
 
-def test_the_zero_of_the_scale_is_the_random_policy_in_the_stock_physics():
+def test_level_0_is_the_random_policy_in_the_stock_physics():
     """20 greedy episodes with the seed 0, whatever the run's schedule and seed say."""
     random = train.make_agent(Config(agent="random"))
     returns = train.evaluate(random, train.drift.make("cartpole"), 20, seed=0)
@@ -95,7 +95,7 @@ class Stub:
         return self
 
 
-def test_a_record_has_the_mean_size_of_the_td_errors():
+def test_a_record_has_the_mean_absolute_td_error():
     """(1 + 3 + 2 + 6 + n · 3) / (4 + n) is 3, however many updates there are."""
     config = Config(episodes=1, learning_starts=1, update_every=2)
     stub = Stub(config)

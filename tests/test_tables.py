@@ -35,7 +35,7 @@ def finals(*values, seeds=None):
 # --- printing -------------------------------------------------------------------------------------
 
 
-def test_a_table_is_printed_with_names_to_the_left_and_numbers_to_the_right(capsys):
+def test_names_are_printed_left_aligned_and_numbers_right_aligned(capsys):
     rows = [["a", "1.0", ""], ["long name", "-22.5", "9"]]
     tables.show(Table("a title", ["what", "x", "wide column"], rows, ["one note", "another"]))
     assert capsys.readouterr().out.splitlines() == [
@@ -51,7 +51,7 @@ def test_a_table_is_printed_with_names_to_the_left_and_numbers_to_the_right(caps
     ]
 
 
-def test_a_row_that_lacks_a_cell_is_an_error():
+def test_a_row_with_a_missing_cell_is_an_error():
     with pytest.raises(ValueError, match="zip"):
         tables.show(Table("", ["a", "b"], [["1"]], []))
 
@@ -84,7 +84,7 @@ def test_the_table_of_regimes():
     ]
 
 
-def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
+def test_every_agent_has_three_columns_in_the_order_of_the_runs():
     runs = {agent: summary(k, [(k,)] * 3) for k, agent in enumerate(AGENTS)}
     shown = tables.regimes(runs, CONFIG)
     assert shown.columns[1::3] == [AGENTS[agent].label for agent in AGENTS]
@@ -92,7 +92,7 @@ def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
     assert len(shown.notes) == 3, "nobody drew by recency"
 
 
-def test_nothing_is_minus_zero():
+def test_nothing_is_printed_as_minus_zero():
     runs = {"dqn": finals(0.01), "gbdqn": finals(-0.03)}
     assert tables.study(runs, CONFIG).rows[1][4:] == ["0.0 ±     –", "0.0", "+0.0"]
     shown = tables.regimes({"dqn": summary(-0.01, [(-0.04,), (0, -0.001, 9), ()])}, CONFIG)
@@ -138,7 +138,7 @@ def test_the_difference_is_ours_minus_dqns_with_its_interval():
     assert [row[-1] for row in shown.rows] == ["", f"+3.0 [+{low:.1f}, +{high:.1f}]"]
 
 
-def test_pairs_are_formed_by_seed_in_whatever_order_the_runs_come():
+def test_runs_are_paired_by_seed_in_any_order():
     ours, dqn = finals(3, 13, 23, seeds=[5, 2, 9]), finals(10, 20, 99, 0, seeds=[2, 9, 1, 5])
     shown = tables.study({"ensemble": ours, "dqn": dqn}, CONFIG)
     assert shown.rows[0][-1] == "+3.0 [+3.0, +3.0]"
@@ -155,13 +155,13 @@ def test_a_single_seed_has_no_spread_and_no_interval():
 
 
 @pytest.mark.parametrize(("seeds", "count"), [([4], "seed 4"), ([4, 0], "2 seeds")])
-def test_the_title_says_how_many_seeds_there_are(seeds, count):
+def test_the_title_gives_the_number_of_seeds(seeds, count):
     shown = tables.study({"dqn": finals(*seeds, seeds=seeds)}, CONFIG)
     assert shown.title == f"MountainCar, {count}: mean return per regime, and final return"
 
 
 @pytest.mark.parametrize("agents", [["gbdqn", "reset"], ["dqn"]])
-def test_nothing_is_said_of_differences_where_there_are_none(agents):
+def test_without_a_pair_the_differences_are_left_out(agents):
     shown = tables.study({agent: finals(1, 2) for agent in agents}, CONFIG)
     assert shown.columns[-1] == "IQM" and not any("minus" in note for note in shown.notes)
     assert all(len(row) == len(shown.columns) for row in shown.rows)
@@ -192,7 +192,7 @@ def test_the_table_of_drift_effect():
     )
 
 
-def test_a_drift_counts_from_a_fifth_on_and_only_where_its_regime_was_learnt():
+def test_a_drift_counts_from_20_percent_and_only_if_its_regime_was_learnt():
     """The first row is the stock physics and counts in neither number."""
     rows = [effect(lost) for lost in (1.0, 0.2, 0.199, -0.5, None, 1.0)]
     shown = tables.drift_effect(rows, CONFIG)

@@ -29,7 +29,7 @@ def chain():
 
 
 @given(mdps(), rngs())
-def test_the_bellman_operator_is_the_loops(mdp, rng):
+def test_the_bellman_operator_matches_the_loops(mdp, rng):
     Q = rng.normal(size=mdp.r.shape)
     np.testing.assert_allclose(mdp.bellman(Q), loops(mdp, Q), atol=1e-12)
     np.testing.assert_allclose(mdp.residual(Q), loops(mdp, Q) - Q, atol=1e-12)
@@ -104,13 +104,13 @@ BAD = {
 
 
 @pytest.mark.parametrize(("P", "r", "gamma", "message"), BAD.values(), ids=BAD)
-def test_what_is_no_mdp_is_refused(P, r, gamma, message):
+def test_an_invalid_mdp_is_refused(P, r, gamma, message):
     with pytest.raises(ValueError, match=message):
         MDP(P, r, gamma)
 
 
 @pytest.mark.parametrize(("gamma", "r"), [(0.99, 100.0), (0.999, 1.0), (0.999, 100.0)])
-def test_value_iteration_ends_where_rounding_keeps_it_going(gamma, r):
+def test_value_iteration_ends_despite_rounding(gamma, r):
     """Two states that alternate: errors of a few units in the last place rotate for ever."""
     Q = MDP(np.eye(2)[[[1], [0]]], np.array([[r], [-r]]), gamma).q_star()
     np.testing.assert_allclose(Q, [[r / (1 + gamma)], [-r / (1 + gamma)]], rtol=1e-9)

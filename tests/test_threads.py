@@ -37,7 +37,7 @@ print(json.dumps(seen | {{"before": before, "after": threads()}}))
 
 
 @pytest.mark.parametrize("first", ["numpy", "gbdqn_ref"])
-def test_two_runs_in_turn_have_one_thread_each_and_leave_the_rest_alone(first):
+def test_two_interleaved_runs_train_with_one_thread_and_restore_the_rest(first):
     """Held across a yield, the limit of the run that ends first would be lifted for the other."""
     code = INTERLEAVED.format(first=first, small=SMALL)
     variables = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "2")

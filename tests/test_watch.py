@@ -32,7 +32,7 @@ def run(tmp_path_factory):
     return out
 
 
-def test_the_agent_is_read_as_it_was_at_the_end(run):
+def test_the_agent_is_read_in_its_final_state(run):
     config, agent = runs.read_agent(run)
     env = drift.make(config.env, [{"episode": 0, "force": 0.8}])
     assert (
@@ -102,11 +102,11 @@ def steps(frames, k=0):
     return [frame.getpixel((watch.WIDTH * k, watch.CAPTION))[0] for frame in frames]
 
 
-def test_a_caption_says_what_is_seen_at_which_step():
+def test_a_caption_has_the_title_the_step_and_the_return():
     assert episode(4, "after: gravity × 2").caption(3) == "after: gravity × 2\nstep 3, return -6"
 
 
-def test_the_shorter_episode_stands_still_and_the_end_stays_for_a_while():
+def test_the_shorter_episode_freezes_and_the_end_is_held():
     frames, duration = watch.frames([episode(3), episode(5, first=100)])
     last = [4] * watch.LAST
     assert steps(frames) == [0, 1, 2, 2, 2, *[2] * watch.LAST]
@@ -116,21 +116,20 @@ def test_the_shorter_episode_stands_still_and_the_end_stays_for_a_while():
 
 
 @pytest.mark.parametrize(
-    ("length", "every", "shown"),
-    [(150, 1, 150), (151, 2, 76), (201, 2, 101), (250, 2, 125)],
+    ("length", "every", "shown"), [(150, 1, 150), (151, 2, 76), (201, 2, 101), (250, 2, 125)]
 )
-def test_steps_of_a_long_episode_are_left_out_evenly(length, every, shown):
+def test_a_long_episode_skips_steps_evenly(length, every, shown):
     frames, duration = watch.frames([episode(length)])
     assert steps(frames) == [*range(0, length, every), *[length - 1] * watch.LAST]
     assert (len(frames), duration) == (shown + watch.LAST, 40 * every)
 
 
 @pytest.mark.parametrize(("pace", "duration"), [(1 / 30, 33), (0.0199, 20), (0.008, 20)])
-def test_a_step_lasts_as_long_as_in_its_world_but_no_viewer_shows_less_than_20_ms(pace, duration):
+def test_a_step_lasts_as_long_as_in_its_environment_but_at_least_20_ms(pace, duration):
     assert watch.frames([episode(2, pace=pace)])[1] == duration
 
 
-def test_captions_stand_above_their_own_episode(monkeypatch):
+def test_each_caption_stands_above_its_episode(monkeypatch):
     """At the end of the shorter one its caption stays at its last step."""
     texts = []
     draw = lambda frame: SimpleNamespace(text=lambda *args: texts.append(args))  # noqa: E731
@@ -145,14 +144,14 @@ def test_captions_stand_above_their_own_episode(monkeypatch):
     ]
 
 
-def test_captions_are_black_on_white_and_do_not_reach_the_pictures():
+def test_captions_are_black_on_white_and_do_not_reach_the_frames():
     frame = np.asarray(watch.frames([episode(1, "gravity × 2"), episode(1, "×")])[0][0])
     above = frame[: watch.CAPTION]
     assert above.min() < 50 and (above[:3] == 255).all() and (above[-2:] == 255).all()
     assert (frame[watch.CAPTION :, :9] == 0).all()
 
 
-def test_a_film_is_a_gif_that_repeats(tmp_path):
+def test_a_film_is_a_looping_gif(tmp_path):
     path = tmp_path / "a" / "new" / "film.gif"
     watch.save([episode(3), episode(5)], path)
     assert set(contents(tmp_path)) == {"a", "a/new", "a/new/film.gif"}
@@ -190,7 +189,7 @@ def test_the_command_films_the_same_start_in_both_physics(run, tmp_path, capsys)
         (2, ["before: gravity × 1.3", "after: force × 0.8"], [(1.3, 1), (1, 0.8)]),
     ],
 )
-def test_each_episode_has_the_physics_that_it_names(run, monkeypatch, regime, titles, physics):
+def test_each_episode_has_the_physics_in_its_title(run, monkeypatch, regime, titles, physics):
     seen = []
     monkeypatch.setattr(watch, "episode", lambda *args: seen.append(args) or args)
     watch.film(run, regime, seed=3)
@@ -218,19 +217,19 @@ def test_the_film_has_the_returns_of_the_greedy_policy(run):
     assert returns == [evaluate(agent, world, 1, 3)[0] for world in worlds]
 
 
-def test_a_drift_that_begins_when_the_run_is_over_has_no_film(run):
+def test_a_drift_after_the_end_of_the_run_has_no_film(run):
     with pytest.raises(UsageError, match=r"there is no drift 3 in the run in .*; it has 1 to 2"):
         watch.film(run, 3)
 
 
-def test_a_run_with_one_drift_has_only_that(tmp_path):
+def test_a_run_with_one_drift_offers_only_that(tmp_path):
     config = Config(env="mountaincar", **DRIFTING | dict(episodes=3))
     runs.write_json(tmp_path / "config.json", {"config": config.to_dict()})
     with pytest.raises(UsageError, match=r"; it has only 1$"):
         watch.film(tmp_path, 2)
 
 
-def test_where_nothing_can_be_drawn_one_line_says_so(run, tmp_path, monkeypatch, capsys):
+def test_a_machine_that_cannot_draw_is_told_in_one_line(run, tmp_path, monkeypatch, capsys):
     def fail(self):
         raise RuntimeError("no display")
 
@@ -261,14 +260,16 @@ def test_where_nothing_can_be_drawn_one_line_says_so(run, tmp_path, monkeypatch,
         (["maps", "NOTHING"], "there is no run"),
     ],
 )
-def test_what_is_not_there_is_not_shown(run, tmp_path, monkeypatch, capsys, command, keyword):
+def test_a_missing_run_drift_or_booster_is_refused(
+    run, tmp_path, monkeypatch, capsys, command, keyword
+):
     monkeypatch.chdir(tmp_path)
     arguments = [{"RUN": str(run)}.get(word, word) for word in command]
     refused(capsys, tmp_path, arguments, keyword)
 
 
 @pytest.mark.parametrize("platform", ["linux", "darwin"])
-def test_pygame_and_mujoco_are_told_to_draw_in_memory(run, monkeypatch, platform):
+def test_pygame_and_mujoco_draw_in_memory(run, monkeypatch, platform):
     """They are told before an environment is made; what the user has set is left alone."""
     seen, make = [], drift.make
 
@@ -321,7 +322,7 @@ def test_the_maps_show_the_booster_that_is_asked_for(four_boosters, booster, m):
 
 
 @pytest.mark.parametrize("booster", [1, 5, 0, -1])
-def test_there_is_nothing_to_map_of_other_boosters(four_boosters, booster):
+def test_other_boosters_are_refused(four_boosters, booster):
     with pytest.raises(
         UsageError, match=rf"no booster {booster} to map in the run in here; .*2 to 4"
     ):
@@ -331,7 +332,7 @@ def test_there_is_nothing_to_map_of_other_boosters(four_boosters, booster):
 @pytest.mark.parametrize(
     ("count", "words"), [(1, "it has only the first, before any drift$"), (2, "it has only 2$")]
 )
-def test_what_can_be_mapped_is_said_in_words(monkeypatch, count, words):
+def test_the_refusal_names_the_boosters_that_can_be_mapped(monkeypatch, count, words):
     agent = SimpleNamespace(staged_q=lambda plane: np.zeros((count, 61, 61, 3)))
     monkeypatch.setattr(runs, "read_agent", lambda run: (Config(env="mountaincar"), agent))
     with pytest.raises(UsageError, match=words):
@@ -339,7 +340,7 @@ def test_what_can_be_mapped_is_said_in_words(monkeypatch, count, words):
 
 
 @pytest.mark.parametrize("settings", [dict(env="cartpole"), dict(env="mountaincar", agent="dqn")])
-def test_maps_are_of_gb_dqn_on_mountaincar(tmp_path, settings):
+def test_maps_are_only_for_gbdqn_on_mountaincar(tmp_path, settings):
     runs.train(Config(episodes=1, capacity=300, **settings), tmp_path / "run", quiet=True)
     with pytest.raises(UsageError, match="has another run"):
         watch.maps(tmp_path / "run")

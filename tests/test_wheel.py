@@ -57,7 +57,7 @@ def test_the_wheel_trains_outside_the_clone(wheel, tmp_path):
 
 
 @pytest.mark.parametrize("requirement", PROJECT["dependencies"])
-def test_a_requirement_is_a_lower_bound_and_no_more(requirement):
+def test_a_requirement_is_only_a_lower_bound(requirement):
     """`make test-oldest` installs exactly what it says."""
     assert REQUIREMENT.fullmatch(requirement)
 
