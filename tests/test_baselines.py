@@ -1,8 +1,7 @@
-"""The baselines and controls: each differs from DQN, or from GB-DQN, in what its name says and in
-nothing else.
-"""
+"""The baselines and controls: each differs from DQN or GB-DQN only in what its name says."""
 
 import copy
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from helpers import (
     SMALL,
     A,
     D,
+    Here,
     agent_of,
     caught,
     drifts_at,
@@ -22,7 +22,7 @@ from helpers import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, runs
+from gbdqn_ref import checkpoint, runs, study
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS
@@ -37,7 +37,7 @@ drifts = pytest.mark.parametrize("event", ["drift", "reset"])
 
 
 def trained(config):
-    """A run's records as text, and its agent at the end."""
+    """The records of a run as text, and its trained agent."""
     agent = make_agent(config)
     return [repr(record) for record in run(config, agent)], agent
 
@@ -47,9 +47,8 @@ def trained(config):
 
 def test_every_agent_has_its_own_look_in_the_plots():
     looks = {(agent.colour, agent.line) for agent in AGENTS.values()}
-    marks, labels = (
-        {getattr(agent, what) for agent in AGENTS.values()} for what in ("mark", "label")
-    )
+    marks = {agent.mark for agent in AGENTS.values()}
+    labels = {agent.label for agent in AGENTS.values()}
     assert len(looks) == len(marks) == len(labels) == len(AGENTS) == 11
 
 
@@ -68,7 +67,7 @@ def test_an_unknown_event_is_refused(agent, event):
 
 @every_agent
 def test_an_agent_is_told_the_end_of_each_episode(agent):
-    """Also of one that a time limit cut off, as all of these are."""
+    """Even if a time limit cuts the episode off, as it does here."""
     config = Config(agent=agent, env="mountaincar", episodes=3, hidden=(4,), learning_starts=300)
     learner, heard = make_agent(config), []
     learner.end_episode = lambda *told: heard.append(told)
@@ -135,41 +134,32 @@ def test_every_agents_greedy_action_is_the_best_and_uses_no_random_number(agent)
     learner = agent_of(agent)
     feed(learner, 30)
     learner.on_drift("drift")
-    before = state_bytes(learner)
-    assert [learner.act(s, greedy=True) for s in states()] == learner.q(states()).argmax(
-        -1
-    ).tolist()
+    before, best = state_bytes(learner), learner.q(states()).argmax(-1).tolist()
+    assert [learner.act(s, greedy=True) for s in states()] == best
     assert state_bytes(learner) == before
 
 
 @pytest.mark.parametrize(
-    ("control", "agent", "replay"),
-    [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")],
+    ("control", "agent", "replay", "kind"),
+    [
+        ("dqn-recency", "dqn", "recency", RecencyReplay),
+        ("gbdqn-per", "gbdqn", "proportional", ProportionalReplay),
+    ],
 )
-def test_the_replay_controls_differ_only_in_the_replay(control, agent, replay):
-    (records, one), (same, other) = (
-        trained(Config(**values, **DRIFTING))
-        for values in (dict(agent=control), dict(agent=agent, replay=replay))
-    )
+def test_the_replay_controls_differ_only_in_the_replay(control, agent, replay, kind):
+    records, one = trained(Config(agent=control, **DRIFTING))
+    same, other = trained(Config(agent=agent, replay=replay, **DRIFTING))
     assert records == same and state_bytes(one) == state_bytes(other)
-    assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(
-        replay, ProportionalReplay
-    )
+    assert type(one) is type(other) and type(one.replay) is kind
     assert records != trained(Config(agent=agent, **DRIFTING))[0]
 
 
-def test_compare_takes_every_agent(tmp_path, capsys):
+def test_compare_takes_every_agent(tmp_path, capsys, monkeypatch):
+    run_here = partial(study.run_study, executor=Here())  # eleven processes would take long
+    monkeypatch.setattr(study, "run_study", run_here)
     settings = flags(**SMALL | dict(episodes=4, schedule=[{"episode": 2, "length": 2}]))
-    command = [
-        "compare",
-        "--agents",
-        ",".join(AGENTS),
-        *settings,
-        "--out",
-        str(tmp_path),
-        "--quiet",
-    ]
-    assert main(command) == 0
+    agents, out = ",".join(AGENTS), str(tmp_path)
+    assert main(["compare", "--agents", agents, *settings, "--out", out, "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert all(agent.label in printed for agent in AGENTS.values())
     assert all((tmp_path / agent / "summary.json").exists() for agent in AGENTS)
@@ -193,9 +183,8 @@ def test_an_ensemble_of_one_is_dqn(replay):
 @given(st.integers(2, 6), st.integers(0, 99))
 def test_the_members_start_differently_and_the_first_starts_as_dqn(members, seed):
     ensemble, dqn = (agent_of(agent, members=members, seed=seed) for agent in ("ensemble", "dqn"))
-    assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(
-        ensemble.theta[0], dqn.theta
-    )
+    assert ensemble.theta.shape == (members, dqn.net.size)
+    assert np.array_equal(ensemble.theta[0], dqn.theta)
     for k in range(members):
         assert not (ensemble.theta[k] == np.delete(ensemble.theta, k, 0)).any()
     assert np.array_equal(ensemble.theta, ensemble.theta_target)
@@ -205,9 +194,8 @@ def test_the_members_start_differently_and_the_first_starts_as_dqn(members, seed
 def test_an_ensembles_q_function_is_the_mean_of_its_members():
     agent = agent_of("ensemble", members=3)
     feed(agent, 30)
-    expected = (
-        sum(agent.net.forward(theta.astype(np.float64), states())[0] for theta in agent.theta) / 3
-    )
+    thetas = agent.theta.astype(np.float64)
+    expected = sum(agent.net.forward(theta, states())[0] for theta in thetas) / 3
     np.testing.assert_allclose(agent.q(states()), expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose([agent.q(s) for s in states()], expected, rtol=1e-5, atol=1e-6)
     assert agent.q(states(6).reshape(2, 3, D)).shape == (2, 3, A)
@@ -215,14 +203,12 @@ def test_an_ensembles_q_function_is_the_mean_of_its_members():
 
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
 def test_every_member_is_updated_alone_towards_the_common_target(monkeypatch, bootstrap):
-    """The same sums one member after the other, one transition after the other, in float64."""
+    """The expected update is summed by member and by transition, in float64."""
     agent = agent_of("ensemble", members=3, bootstrap=bootstrap, max_grad_norm=0.05)
     feed(agent, 60)
     batch, before = agent.replay.sample(8, copy.deepcopy(agent.rng)), agent.theta.astype(np.float64)
-    forward, target = agent.net.forward, agent.theta_target.copy()
-    q_next = np.mean(
-        [forward(theta.astype(np.float64), batch.s2)[0] for theta in agent.theta_target], 0
-    )
+    forward, target = agent.net.forward, agent.theta_target.astype(np.float64)
+    q_next = np.mean([forward(theta, batch.s2)[0] for theta in target], 0)
     y = [batch.r[i] + (0 if batch.terminated[i] else 0.99 * max(q_next[i])) for i in range(8)]
     expected, q = [], np.zeros((3, 8))
     for k in range(3):
@@ -233,21 +219,15 @@ def test_every_member_is_updated_alone_towards_the_common_target(monkeypatch, bo
             dq[i, a] = agent.seen[batch.index[i], k] * batch.weight[i] * (q_k[i, a] - y[i]) / 8
         grad = agent.net.backward(before[k], cache, dq)
         expected.append(grad * min(1, 0.05 / np.linalg.norm(grad)))
-    calls, noted = caught(monkeypatch, Adam, "step"), []
-    monkeypatch.setattr(
-        agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta))
-    )
+    calls = caught(monkeypatch, Adam, "step")
+    noted = caught(monkeypatch, agent.replay, "update_priorities")
     delta = agent.learn()
     np.testing.assert_allclose(calls[0][2], expected, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(delta, y - q.mean(0), rtol=1e-3, atol=1e-5)
-    assert (
-        delta.shape == (8,)
-        and np.array_equal(noted[0][1], delta)
-        and np.array_equal(noted[0][0], batch.index)
-    )
-    np.testing.assert_allclose(
-        agent.theta_target, 0.99 * target + 0.01 * agent.theta, rtol=1e-5, atol=1e-7
-    )
+    assert delta.shape == (8,)
+    assert np.array_equal(noted[0][0], batch.index) and np.array_equal(noted[0][1], delta)
+    moved = 0.99 * target + 0.01 * agent.theta
+    np.testing.assert_allclose(agent.theta_target, moved, rtol=1e-5, atol=1e-7)
 
 
 @settings(max_examples=20, deadline=None)
@@ -266,7 +246,7 @@ def test_what_a_member_sees_is_drawn_once_per_stored_transition():
     feed(agent, 500, learn=0)
     first = agent.seen.copy()
     assert agent.seen.shape == (500, 4) and agent.seen.mean(0) == pytest.approx(0.3, abs=0.08)
-    assert len({column.tobytes() for column in first.T}) == 4, "each by itself"
+    assert len({column.tobytes() for column in first.T}) == 4, "each member draws by itself"
     feed(agent, 250, learn=0)
     assert (agent.seen[250:] == first[250:]).all() and not (agent.seen[:250] == first[:250]).all()
 
@@ -288,12 +268,10 @@ def test_a_reset_agent_restarts_learning_and_keeps_the_replay(event):
     theta, replay, epsilon = agent.theta.copy(), replay_bytes(agent), agent.epsilon
     agent.on_drift(event)
     assert replay_bytes(agent) == replay and agent.epsilon == epsilon
-    assert (
-        not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2
-    )  # U(±1/√4) at the most
-    assert np.array_equal(agent.theta, agent.theta_target) and not np.shares_memory(
-        agent.theta, agent.theta_target
-    )
+    assert not (agent.theta == theta).any()
+    assert np.abs(agent.theta).max() <= 1 / 2  # uniform within ±1/√4 or closer
+    assert np.array_equal(agent.theta, agent.theta_target)
+    assert not np.shares_memory(agent.theta, agent.theta_target)
     assert agent.adam.t == 0 and not agent.adam.m.any() and not agent.adam.v.any()
     feed(agent, 5)
     assert agent.adam.t == 5
@@ -325,9 +303,7 @@ def test_a_frozen_agent_stays_frozen_and_keeps_exploring():
     agent.on_drift("reset")
     learnt = agent.theta.copy()
     feed(agent, 1)
-    assert not np.array_equal(agent.theta, learnt), (
-        "a return to the stock physics is not the first drift"
-    )
+    assert not np.array_equal(agent.theta, learnt), "a reset does not freeze the agent"
     frozen, s = agent.theta.copy(), states(1)[0]
     for event in ("drift", "drift", "reset"):
         agent.on_drift(event)
@@ -368,6 +344,5 @@ def test_the_random_policy_is_uniform_and_learns_nothing():
     assert np.isnan([record["td_error"] for record in records]).all()
     assert records[-1]["steps"] == agent.steps == sum(record["length"] for record in records)
     for greedy in (False, True):
-        assert np.mean([agent.act(None, greedy) for _ in range(4000)]) == pytest.approx(
-            0.5, abs=0.03
-        )
+        actions = [agent.act(None, greedy) for _ in range(4000)]
+        assert np.mean(actions) == pytest.approx(0.5, abs=0.03)

@@ -1,4 +1,4 @@
-"""The command line in surroundings that do not help: streams, locale, environment variables."""
+"""The command line under unusual streams, locales and environment variables."""
 
 import json
 import os
@@ -50,13 +50,14 @@ def test_all_our_file_names_are_ascii(tmp_path):
 
 
 def test_a_folder_whose_name_cannot_be_printed_works(tmp_path):
-    status, _, stderr = cli("compare", *FEW, "--out", tmp_path / "résumé", **ASCII)
+    more = ["--agents", "dqn", "--out", tmp_path / "résumé"]
+    status, _, stderr = cli("compare", *FEW, *more, **ASCII)
     assert (status, stderr) == (0, "")
     assert names(tmp_path / "résumé" / "dqn") == RUN
 
 
 def through_a_closed_pipe(stream, *arguments, **variables):
-    """The result of a command whose stdout or stderr is a pipe that nobody reads."""
+    """Run a command whose stdout or stderr is a pipe that nobody reads."""
     reader, writer = os.pipe()
     os.close(reader)
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | {stream: writer}
@@ -84,9 +85,8 @@ def test_a_closed_stderr_pipe_is_no_error(tmp_path, arguments, status):
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_closed_streams_are_no_error(tmp_path, closed):
     line = " ".join(f"'{part}'" for part in command("train", *FEW, "--out", tmp_path / "run"))
-    result = subprocess.run(
-        f"{line} {closed}", shell=True, env=environ(), capture_output=True, text=True
-    )
+    options = dict(shell=True, env=environ(), capture_output=True, text=True)
+    result = subprocess.run(f"{line} {closed}", **options)
     assert (result.returncode, result.stderr) == (0, "")
     assert names(tmp_path / "run") == RUN
     assert "Traceback" not in result.stdout and "ep/s" not in result.stdout
@@ -109,7 +109,7 @@ def test_a_full_disk_behind_stdout_is_reported_in_one_line(tmp_path, unbuffered)
 
 
 def seen_on_a_terminal(*arguments):
-    """What a command shows to somebody at a terminal."""
+    """What a command prints to stderr if that is a terminal."""
     terminal, end = pty.openpty()
     termios.tcsetwinsize(end, (24, 80))
     with subprocess.Popen(
@@ -117,7 +117,7 @@ def seen_on_a_terminal(*arguments):
     ) as process:
         os.close(end)
         seen = b""
-        with suppress(OSError):  # Linux's way to say that nobody writes any more
+        with suppress(OSError):  # so Linux says that all writers have closed it
             while part := os.read(terminal, 10_000):
                 seen += part
         os.close(terminal)
@@ -129,8 +129,9 @@ def seen_on_a_terminal(*arguments):
 def test_the_progress_bar_appears_on_a_terminal_but_not_in_a_log(tmp_path, name, episodes):
     seen = seen_on_a_terminal(name, *FEW, "--out", tmp_path / "seen")
     assert f" 0/{episodes} " in seen and f" {episodes}/{episodes} " in seen
-    assert seen_on_a_terminal(name, *FEW, "--out", tmp_path / "quiet", "--quiet") == ""
-    status, _, stderr = cli(name, *FEW, "--out", tmp_path / "logged")
+    one = ["--agent" if name == "train" else "--agents", "random"]
+    assert seen_on_a_terminal(name, *FEW, *one, "--out", tmp_path / "quiet", "--quiet") == ""
+    status, _, stderr = cli(name, *FEW, *one, "--out", tmp_path / "logged")
     assert (status, stderr) == (0, "")
 
 
@@ -139,7 +140,7 @@ def test_the_progress_bar_appears_on_a_terminal_but_not_in_a_log(tmp_path, name,
 
 @pytest.mark.parametrize("name", ["--help", "compare"])
 def test_an_invalid_mplbackend_does_not_matter(tmp_path, name):
-    more = [] if name == "--help" else [*FEW, "--out", tmp_path / "run"]
+    more = [] if name == "--help" else ["--agents", "dqn", *FEW, "--out", tmp_path / "run"]
     status, stdout, stderr = cli(name, *more, MPLBACKEND="nonsense")
     assert (status, stderr) == (0, "") and stdout
 
@@ -173,9 +174,8 @@ def test_too_little_memory_is_reported_in_one_line(tmp_path, monkeypatch, capsys
 
 
 def test_divergence_is_reported_in_one_line_with_exit_status_3(tmp_path):
-    status, stdout, stderr = cli(
-        "train", "--agent", "dqn", *DIVERGES, "--out", tmp_path / "run", "--quiet"
-    )
+    more = ["--agent", "dqn", "--out", tmp_path / "run", "--quiet"]
+    status, stdout, stderr = cli("train", *DIVERGES, *more)
     assert (status, stdout, stderr.count("\n")) == (3, "", 1)
     assert stderr.startswith("gbdqn_ref: training diverged in episode ")
     assert names(tmp_path / "run") == {"config.json", "episodes.csv"}
@@ -194,7 +194,7 @@ def test_a_run_that_diverges_fails_and_the_others_finish(tmp_path):
 
 
 def listed(capsys, *arguments):
-    """{setting: the cells of its line}, and the notes below."""
+    """{setting: the cells of its line}, and the notes below the table."""
     assert main(["settings", *arguments]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line]
     assert lines[1].split() == ["setting", "value", "source", "range", "meaning"]

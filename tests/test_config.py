@@ -1,6 +1,4 @@
-"""One dataclass that says everything about a run: what it accepts, what it refuses, and in which
-words.
-"""
+"""Config, the dataclass of all settings of a run: what it accepts and what it refuses."""
 
 import ast
 import inspect
@@ -57,9 +55,7 @@ def test_every_preset_is_a_valid_config_with_a_drift(name, env, agent):
     preset = Config.preset(env, name, agent=agent, seed=3)
     assert (preset.env, preset.agent, preset.seed) == (env, agent, 3)
     assert Config.from_dict(preset.to_dict()) == preset
-    assert [entry["episode"] for entry in preset.schedule if entry["episode"] < preset.episodes], (
-        "nothing would drift"
-    )
+    assert any(entry["episode"] < preset.episodes for entry in preset.schedule)
 
 
 def test_every_environment_has_exactly_these_presets():
@@ -98,82 +94,45 @@ def test_the_held_out_schedule_has_new_factors_and_a_gradual_drift(env):
 
 
 def test_an_environments_name_can_include_its_preset():
-    assert (
-        Config.preset("hopper-long") == Config.preset("hopper", "long") != Config.preset("hopper")
-    )
-    assert (
-        Config.preset("acrobot-hard", agent="dqn").schedule
-        == PRESETS["hard"]["acrobot"]["schedule"]
-    )
+    long = Config.preset("hopper", "long")
+    assert Config.preset("hopper-long") == long != Config.preset("hopper")
+    hard = Config.preset("acrobot", "hard", agent="dqn")
+    assert Config.preset("acrobot-hard", agent="dqn") == hard
 
 
-def test_the_acrobot_preset_has_the_papers_values():
-    preset = Config.preset("acrobot")
-    paper = dict(
-        episodes=600,
-        hidden=(128, 128),
-        lr=1e-3,
-        max_grad_norm=10.0,
-        capacity=50_000,
-        window=5_000,
-        batch_size=64,
-        learning_starts=1000,
-        update_every=4,
-        tau=0.01,
-        epsilon_start=1.0,
-        epsilon_end=0.05,
-        epsilon_decay_steps=20_000,
-        gamma=0.99,
-        alpha=0.1,
-    )
-    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
+BOTH = dict(max_grad_norm=10.0, update_every=4, tau=0.01, gamma=0.99, alpha=0.1)
+BOTH |= dict(epsilon_start=1.0, epsilon_end=0.05, gradient_steps=1, behaviour="epsilon-greedy")
+PAPER = {
+    "acrobot": BOTH
+    | dict(episodes=600, hidden=(128, 128), lr=1e-3, batch_size=64, learning_starts=1000)
+    | dict(capacity=50_000, window=5_000, epsilon_decay_steps=20_000),
+    "hopper": BOTH
+    | dict(episodes=500, hidden=(256, 256), lr=3e-4, batch_size=128, learning_starts=5000)
+    | dict(capacity=200_000, epsilon_decay_steps=100_000),
+}
 
 
-def test_the_hopper_preset_has_the_papers_values():
-    preset = Config.preset("hopper")
-    paper = dict(
-        episodes=500,
-        hidden=(256, 256),
-        lr=3e-4,
-        max_grad_norm=10.0,
-        capacity=200_000,
-        batch_size=128,
-        learning_starts=5000,
-        update_every=4,
-        tau=0.01,
-        epsilon_start=1.0,
-        epsilon_end=0.05,
-        epsilon_decay_steps=100_000,
-        gamma=0.99,
-        alpha=0.1,
-        gradient_steps=1,
-        behaviour="epsilon-greedy",
-    )
-    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
-    names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
-    assert names == [
-        (100, {"gravity"}),
-        (200, {"mass"}),
-        (300, {"mass", "gravity", "friction"}),
-        (400, {"reset"}),
-    ]
+@pytest.mark.parametrize("env", PAPER)
+def test_the_preset_has_the_papers_values(env):
+    resolved = Config.preset(env).resolved()
+    assert {key: getattr(resolved, key) for key in PAPER[env]} == PAPER[env]
+
+
+def test_the_hoppers_drifts_change_the_papers_constants():
+    schedule = Config.preset("hopper").schedule
+    assert [entry["episode"] for entry in schedule] == [100, 200, 300, 400]
+    changed = [set(entry) - {"episode"} for entry in schedule]
+    assert changed == [{"gravity"}, {"mass"}, {"mass", "gravity", "friction"}, {"reset"}]
 
 
 def test_the_long_hopper_differs_from_the_papers_only_in_length_and_warm_up():
     paper, long = Config.preset("hopper").to_dict(), Config.preset("hopper", "long").to_dict()
     changed = {key for key in paper if paper[key] != long[key]}
-    assert changed == {
-        "episodes",
-        "schedule",
-        "learning_starts",
-        "epsilon_decay_steps",
-        "mix",
-        "recency_rate",
-    }
+    warm_up = {"learning_starts", "epsilon_decay_steps", "mix", "recency_rate"}
+    assert changed == {"episodes", "schedule"} | warm_up
     assert long["episodes"] == 3 * paper["episodes"]
-    assert long["schedule"] == [
-        entry | {"episode": 3 * entry["episode"]} for entry in paper["schedule"]
-    ]
+    tripled = [entry | {"episode": 3 * entry["episode"]} for entry in paper["schedule"]]
+    assert long["schedule"] == tripled
 
 
 @pytest.mark.parametrize(
@@ -181,7 +140,7 @@ def test_the_long_hopper_differs_from_the_papers_only_in_length_and_warm_up():
     [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 180_000, 2.5)],
 )
 def test_recency_has_over_a_third_of_the_draws_at_the_end_of_a_run(name, n, priority):
-    # transitions and mean p^TD at the end of the runs, as measured
+    """n and priority: transitions and mean p^TD measured at the end of such runs."""
     preset = Config.preset("hopper", name, capacity=n)
     replay = make_replay(preset.resolved(), 1)
     replay.added = n
@@ -200,9 +159,9 @@ def test_drifts_come_at_the_papers_episodes(env):
 
 
 def test_given_values_override_a_preset():
-    assert Config.preset("acrobot", lr=0.5, schedule=[]).to_dict() == Config.preset(
-        "acrobot"
-    ).to_dict() | {"lr": 0.5, "schedule": []}
+    given = {"lr": 0.5, "schedule": []}
+    preset = Config.preset("acrobot").to_dict()
+    assert Config.preset("acrobot", **given).to_dict() == preset | given
 
 
 @pytest.mark.parametrize("agent", AGENTS)
@@ -214,11 +173,10 @@ def test_each_agent_has_a_default_replay_that_can_be_overridden(agent):
 
 @pytest.mark.parametrize("name", [*FLOATS, "alpha"])
 def test_a_whole_number_is_accepted_as_a_float(name):
+    """config.json has the same bytes, and α is a float before and after a drift."""
     whole = 0 if name == "gamma" else 1
-    # also to the byte of config.json, and so that α is a float before and after a drift
-    assert json.dumps(Config(**{name: whole}).to_dict()) == json.dumps(
-        Config(**{name: float(whole)}).to_dict()
-    )
+    configs = [Config(**{name: value}) for value in (whole, float(whole))]
+    assert len({json.dumps(each.to_dict()) for each in configs}) == 1
 
 
 def test_a_list_is_accepted_for_the_widths():
@@ -245,19 +203,16 @@ def test_a_config_copies_its_schedule():
 
 def test_every_field_is_followed_by_its_description():
     tree = ast.parse(inspect.getsource(config))
-    (body,) = (
-        node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == "Config"
-    )
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    body = classes["Config"].body
     named = [i for i, node in enumerate(body) if isinstance(node, ast.AnnAssign)]
     assert [body[i].target.id for i in named] == [field.name for field in fields(Config)]
     for i in named:
-        sentence = ast.literal_eval(body[i + 1].value)
-        assert isinstance(sentence, str) and len(sentence) > 10 and sentence.endswith("."), body[
-            i
-        ].target.id
+        sentence, field = ast.literal_eval(body[i + 1].value), body[i].target.id
+        assert isinstance(sentence, str) and len(sentence) > 10 and sentence.endswith("."), field
 
 
-WRONG = {  # values of a wrong kind, by the kinds that are right
+WRONG = {  # values of a wrong type, by the right types
     (str,): (None, 3, True, ["dqn"]),
     (str, NoneType): (1, False, ["recency"]),
     (int,): (1.5, 2.0, nan, "9", None, True, [1]),
@@ -284,10 +239,10 @@ def test_a_bad_value_is_refused_in_one_line_that_names_the_field(name, value):
     assert "\n" not in message
     assert name in message
     if name not in ("schedule", "hidden") and value != 10**400:
-        assert repr(value) in message, "the message shows what was given"
+        assert repr(value) in message, "the message shows the given value"
 
 
-EDGES = {  # the outermost values that are right
+EDGES = {  # the values at the limits
     "seed": (0, 2**32 - 1),
     "gamma": (0.0, 0.999),
     "hidden": ((1, 4096), ()),
@@ -338,7 +293,7 @@ def test_numpy_numbers_are_accepted(name, value):
 
 
 def test_an_agents_default_follows_a_change_of_agent():
-    """Else "dqn" would train on GB-DQN's replay."""
+    """Otherwise "dqn" would train on GB-DQN's replay."""
     gbdqn = Config.preset("acrobot", agent="gbdqn")
     assert (gbdqn.replay, gbdqn.resolved().replay) == (None, "recency")
     for dqn in (replace(gbdqn, agent="dqn"), Config.from_dict(gbdqn.to_dict() | {"agent": "dqn"})):

@@ -1,4 +1,4 @@
-"""The chart that looks for drifts: its sum against the definition, its run lengths and delays."""
+"""The chart that detects drifts: its sum, run lengths and delays."""
 
 from math import exp, inf, log, nan
 
@@ -15,21 +15,19 @@ from gbdqn_ref.train import announced, make_agent, run
 
 
 def definition(z, slack):
-    """S_t = max_k Σ_{i > k} (z_i − κ) for every t, the empty sum included, written naively."""
-    return [
-        max(sum(z[i] - slack for i in range(k, t)) for k in range(t + 1))
-        for t in range(1, len(z) + 1)
-    ]
+    """S_t = max_k Σ_{i > k} (z_i − κ) for every t, including the empty sum."""
+    S = [[sum(z[i] - slack for i in range(k, t)) for k in range(t + 1)] for t in range(len(z) + 1)]
+    return [max(sums) for sums in S[1:]]
 
 
 def alarms_of(chart, values):
-    """(step, the change it names) of every alarm."""
+    """(step, estimated step of the change) of every alarm."""
     named = [(k, chart.update(x, k)) for k, x in enumerate(values)]
     return [(k, since) for k, since in named if since is not None]
 
 
 def run_length(level, shift, rng):
-    """How long cusum takes to pass the level on normal numbers of this mean."""
+    """Steps until cusum exceeds the level, on normal numbers with mean `shift`."""
     S, n = 0.0, 0
     while level >= S:
         S, n = cusum(S, rng.normal(shift)), n + 1
@@ -70,7 +68,7 @@ def test_the_alarm_names_the_step_of_the_change(shift, delay):
         x[100:] += shift
         first += [alarm for alarm in alarms_of(Chart(5.0), x) if alarm[0] >= 100][:1]
     found, named = np.array(first).T
-    assert len(found) >= 55, "a false alarm just before costs a chart its reference"
+    assert len(found) >= 55, "a false alarm just before clears the reference of a few charts"
     assert abs(np.median(named) - 100) <= 1 and np.median(found) - 100 + 1 <= delay
 
 
@@ -79,18 +77,18 @@ def test_an_alarm_clears_the_reference():
     alarms_of(chart, [k % 2 for k in range(41)])
     assert alarms_of(chart, [9.0] * 3) == [(2, 0)]
     assert (chart.n, chart.S) == (0, 0.0)
-    assert alarms_of(chart, [50.0] * 20) == [], "a reference must be made first"
+    assert alarms_of(chart, [50.0] * 20) == [], "a new reference comes first"
 
 
 def test_a_single_value_never_raises_an_alarm():
     chart = Chart(LARGEST)
     alarms_of(chart, [k % 2 for k in range(61)])
     assert chart.update(1e9, 61) is None and chart.S == LARGEST - SLACK
-    assert abs(chart.mean) < 1, "nor does it carry the reference away"
+    assert abs(chart.mean) < 1, "nor does it shift the reference"
 
 
 def test_the_reference_follows_an_agent_that_learns():
-    """x falls as the returns rise: no alarm, and what was normal at the start is one now."""
+    """x falls as the returns rise without an alarm; then the values from the start raise one."""
     chart = Chart(5.0)
     noise = np.random.default_rng(0).normal(size=200)
     assert alarms_of(chart, np.linspace(500, 0, 200) + noise) == []
@@ -98,7 +96,7 @@ def test_the_reference_follows_an_agent_that_learns():
 
 
 def test_a_chart_that_started_with_constant_returns_still_sees_a_fall():
-    """MountainCar's first returns are all −200: the spread is 0, and must not stay 0."""
+    """MountainCar's first returns are all −200, so the spread starts at 0."""
     chart = Chart(5.0)
     learning = [200.0] * 35 + [*np.linspace(200, 120, 80)] + [120.0 + k % 2 for k in range(60)]
     assert alarms_of(chart, learning) == []
@@ -117,7 +115,7 @@ def test_a_symptom_rises_when_things_get_worse():
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn", "gbdqn-reuse", "dqn-reuse", "reset"])
 def test_an_agent_that_detects_does_not_see_the_schedule(monkeypatch, agent):
-    """Its run is the same where the schedule's events are taken away from what it hears."""
+    """Its run is the same without the announced events."""
     schedule = [{"episode": 4, "length": 2}, {"episode": 7, "reset": True}]
     config = Config(agent=agent, drift_signal="return", **SMALL | dict(schedule=schedule))
     told = [repr(record) for record in run(config)]
@@ -142,7 +140,7 @@ def test_a_list_of_episodes_announces_a_drift_in_each():
 
 
 def fall(agent, before, after):
-    """Episodes with these returns, ten steps each; the steps at which the agent raised alarms."""
+    """Play ten-step episodes with these returns; the steps at which the agent raised alarms."""
     s = np.zeros(4, np.float32)
     for total in [*before, *after]:
         for _ in range(10):

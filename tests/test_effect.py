@@ -1,8 +1,8 @@
-"""What a drift costs, on policies whose returns are known."""
+"""What a drift costs, computed from policies with known returns."""
 
 import numpy as np
 import pytest
-from helpers import SMALL, drifts_at, flags, refused
+from helpers import SMALL, Here, drifts_at, flags, refused
 
 from gbdqn_ref import StudyError, UsageError, drift, effect, runs
 from gbdqn_ref.__main__ import main
@@ -32,7 +32,7 @@ def test_lost_is_the_share_of_the_gain_that_frozen_misses(random, frozen, traine
 
 
 def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_learnt():
-    """(90, 110) has a standard error of 10, so 100 is learnt where random is below 80."""
+    """(90, 110) has a standard error of 10, so 100 shows learning if random is below 80."""
     frozen, trained = np.zeros(2), np.array([90.0, 110.0])
     for random, learnt in ((79, True), (81, False)):
         row = effect.cost(np.array([random - 50.0, random + 50.0]), frozen, trained)
@@ -40,10 +40,11 @@ def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_l
 
 
 def test_every_regime_is_trained_once_and_evaluated_in_its_physics(tmp_path):
-    """Frozen is the agent of the stock physics, everywhere; all are evaluated with the seed 0."""
+    """Frozen is always the agent trained in the stock physics; all evaluations use seed 0."""
     learning = dict(episodes=8, update_every=1, gradient_steps=4, lr=0.03)
     config = Config.preset("cartpole", agent="dqn", seed=3, **DRIFTING | learning)
-    first = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
+    options = dict(episodes=2, executor=Here(), quiet=True)
+    first = effect.drift_effect(config, tmp_path, **options)
     regimes = {
         "stock physics": {},
         "length × 2": {"length": 2},
@@ -59,19 +60,18 @@ def test_every_regime_is_trained_once_and_evaluated_in_its_physics(tmp_path):
     random = make_agent(Config(agent="random"))
     for row, (name, factors) in zip(first, regimes.items(), strict=True):
         env = drift.make("cartpole", [{"episode": 0, **factors}] if factors else [])
-        for key, agent in (
-            ("random", random), ("frozen", agents["stock physics"]), ("trained", agents[name])
-        ):  # fmt: skip
+        policies = {"random": random, "frozen": agents["stock physics"], "trained": agents[name]}
+        for key, agent in policies.items():
             assert row[key] == evaluate(agent, env, 2, seed=0).mean(), (name, key)
     assert any(row["frozen"] != row["trained"] for row in first)
     ages = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
-    assert effect.drift_effect(config, tmp_path, episodes=2, quiet=True) == first
+    assert effect.drift_effect(config, tmp_path, **options) == first
     assert ages == {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
     assert len(list(tmp_path.glob("*/summary.json"))) == 3
 
 
 def test_regimes_equal_to_six_digits_are_still_distinct(tmp_path):
-    """A regime is known by its factors. One that returns is not trained again."""
+    """Regimes are told apart by their factors. One that returns is not trained again."""
     schedule = [
         {"episode": 1, "length": 1.0000001},
         {"episode": 2, "length": 1.0000002},
@@ -79,7 +79,7 @@ def test_regimes_equal_to_six_digits_are_still_distinct(tmp_path):
         {"episode": 4, "length": 1.0000001},
     ]
     config = Config(agent="random", **SMALL | dict(episodes=5, schedule=schedule))
-    rows = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
+    rows = effect.drift_effect(config, tmp_path, episodes=2, executor=Here(), quiet=True)
     names = ["stock physics", "length × 1.0000001", "length × 1.0000002"]
     assert [row["regime"] for row in rows] == names
     trained = effect.regimes(config)
@@ -100,7 +100,7 @@ def test_a_failed_run_leaves_no_table(tmp_path):
     (tmp_path / "study.json").write_text('{"settings": {}}')
     (tmp_path / first).touch()
     with pytest.raises(StudyError, match=f"{first}: UsageError: .* is not a folder"):
-        effect.drift_effect(config, tmp_path, quiet=True)
+        effect.drift_effect(config, tmp_path, executor=Here(), quiet=True)
     assert all((tmp_path / name / "summary.json").exists() for name in others)
 
 

@@ -1,6 +1,4 @@
-"""Whole files: all or nothing, on disk before they count, named when they fail; folders that are
-one process's own.
-"""
+"""Files are written whole, synced, and named in errors; a folder is locked by one process."""
 
 import errno
 import fcntl
@@ -10,13 +8,13 @@ import subprocess
 import sys
 
 import pytest
-from helpers import Crash, contents, environ
+from helpers import PATIENCE, Crash, contents, environ
 
 from gbdqn_ref import UsageError, files
 
 
 def steps(monkeypatch):
-    """The system calls that order what reaches the disk, as they are made from now on."""
+    """The calls of fsync, replace and mkdir from now on, which decide what reaches the disk."""
     order = []
 
     def spy(name, original):
@@ -101,7 +99,8 @@ def test_a_file_over_the_size_limit_is_named_and_leaves_nothing(tmp_path):
             print(e)
     """
     command = [sys.executable, "-c", code, str(tmp_path / "file")]
-    result = subprocess.run(command, env=environ(), capture_output=True, text=True, timeout=60)
+    options = dict(env=environ(), capture_output=True, text=True, timeout=PATIENCE)
+    result = subprocess.run(command, **options)
     assert result.stdout == f"[Errno 27] File too large: {str(tmp_path / 'file')!r}\n"
     assert contents(tmp_path) == {}
 
@@ -192,7 +191,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EBADF, errno.EOPNOTSUPP])
 def test_a_file_system_without_locks_is_told_and_used(tmp_path, monkeypatch, capsys, number):
-    """EBADF is what NFS answers for a folder."""
+    """NFS answers EBADF for a folder."""
 
     def flock(*_):
         raise OSError(number, os.strerror(number))

@@ -1,6 +1,4 @@
-"""Ways to hold the command line wrong. Each is answered with one line that names what is wrong, and
-nothing changes.
-"""
+"""Wrong uses of the command line: each gets one line that names the mistake; nothing changes."""
 
 import json
 import shutil
@@ -18,11 +16,13 @@ from gbdqn_ref.config import Config
 SMALL_RUN = flags(**SMALL | dict(episodes=6))
 
 
-def settings(*pairs):
-    return [part for pair in pairs for part in ("--set", pair)]
+def settings(pair):
+    """--set with a pair as it is typed."""
+    return ["--set", pair]
 
 
 def schedule(*entries):
+    """--set schedule=… of these entries."""
     return flags(schedule=entries)
 
 
@@ -141,22 +141,11 @@ def test_a_wrong_setting_is_refused(tmp_path, capsys, command, arguments, keywor
     refused(capsys, tmp_path, [command, "--out", str(tmp_path / "run"), *arguments], keyword)
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        (".5", 0.5),
-        ("1.", 1.0),
-        ("+0.5", 0.5),
-        ("5e-1", 0.5),
-        ("0.5", 0.5),
-        (" 1", 1.0),
-        ("+1", 1.0),
-    ],
-)
-def test_a_number_can_be_written_in_any_usual_form(tmp_path, text, value):
+@pytest.mark.parametrize("text", [".5", "+0.5", "5e-1", "0.5", " 0.5", "1.", "+1", " 1"])
+def test_a_number_can_be_written_in_any_usual_form(tmp_path, text):
     arguments = ["--agent", "random", "--set", "episodes=1", "--set", f"lr={text}", "--quiet"]
     assert main(["train", *arguments, "--out", str(tmp_path / "run")]) == 0
-    assert runs.read_config(tmp_path / "run").lr == value
+    assert runs.read_config(tmp_path / "run").lr == float(text)
 
 
 # --- folders --------------------------------------------------------------------------------------
@@ -166,12 +155,8 @@ def test_a_number_can_be_written_in_any_usual_form(tmp_path, text, value):
 @pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
 def test_a_file_in_place_of_a_folder_is_refused(tmp_path, capsys, command, place):
     (tmp_path / "file").write_text("mine")
-    refused(
-        capsys,
-        tmp_path,
-        [command, "--out", str(tmp_path / place), *SMALL_RUN],
-        "ot a folder|ot a directory",
-    )
+    arguments = [command, "--out", str(tmp_path / place), *SMALL_RUN]
+    refused(capsys, tmp_path, arguments, "ot a folder|ot a directory")
 
 
 def test_a_folder_that_is_not_empty_is_refused(tmp_path, capsys):
@@ -190,17 +175,13 @@ def test_compare_refuses_a_folder_of_other_files(tmp_path, capsys):
 def test_resuming_without_a_run_is_refused(tmp_path, capsys, place):
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("mine")
-    refused(
-        capsys,
-        tmp_path,
-        ["train", "--resume", "--out", str(tmp_path / place)],
-        "there is no run in",
-    )
+    arguments = ["train", "--resume", "--out", str(tmp_path / place)]
+    refused(capsys, tmp_path, arguments, "there is no run in")
 
 
 @pytest.fixture(scope="module")
 def complete(tmp_path_factory):
-    """A small run, complete."""
+    """A small complete run."""
     folder = tmp_path_factory.mktemp("complete")
     assert main(["train", "--agent", "dqn", "--out", str(folder), "--quiet", *SMALL_RUN]) == 0
     return folder
@@ -208,7 +189,7 @@ def complete(tmp_path_factory):
 
 @pytest.fixture
 def run(complete, tmp_path):
-    """The same, as if it had been killed after its last checkpoint."""
+    """The same run, as if killed right after its last checkpoint."""
     folder = Path(shutil.copytree(complete, tmp_path / "run"))
     for name in ("summary.json", "curve.png"):
         (folder / name).unlink()
@@ -245,7 +226,7 @@ def test_the_run_of_these_tests_can_be_resumed(complete, run, capsys):
     ids=lambda content: repr(content)[:40],
 )
 def test_a_damaged_config_is_refused(run, complete, tmp_path, capsys, content):
-    """Also where the run is complete: it must not be read as the run of a default agent."""
+    """Even if the run is complete; it must not pass for a run with default settings."""
     (run / "config.json").write_bytes(content)
     resume(run, capsys, "config.json")
     (run / "summary.json").write_bytes((complete / "summary.json").read_bytes())
@@ -277,7 +258,7 @@ def test_a_record_of_the_wrong_shape_is_refused(run, capsys, name, value):
 
 @pytest.mark.parametrize("name", ["env", "agent", "seed", "episodes"])
 def test_the_config_of_another_run_is_refused(complete, tmp_path, capsys, name):
-    """config.json and summary.json must be of one run."""
+    """config.json and summary.json must belong to one run."""
     folder = Path(shutil.copytree(complete, tmp_path / "run"))
     content = json.loads((folder / "config.json").read_text())
     content["config"][name] = {"env": "acrobot", "agent": "gbdqn", "seed": 1, "episodes": 7}[name]
@@ -291,16 +272,17 @@ def test_a_config_with_an_invalid_value_is_refused(run, capsys, name, value):
     content["config"][name] = value
     (run / "config.json").write_text(json.dumps(content))
     resume(run, capsys, name)
-    resume(run, capsys, "config.json")  # since no setting was given on the command line
+    resume(run, capsys, "config.json")  # the file is at fault, not the command line
 
 
-def truncated(data):
-    return data[: len(data) // 2]
+CHECKPOINTS = {
+    "truncated": lambda data: data[: len(data) // 2],
+    "empty": lambda data: b"",
+    "another beginning": lambda data: b"hello\n" + data[6:],
+}
 
 
-@pytest.mark.parametrize(
-    "damage", [truncated, lambda data: b"", lambda data: b"hello\n" + data[6:]]
-)
+@pytest.mark.parametrize("damage", CHECKPOINTS.values(), ids=CHECKPOINTS)
 def test_a_damaged_checkpoint_is_refused(run, capsys, damage):
     path = run / "checkpoint.npz"
     path.write_bytes(damage(path.read_bytes()))
@@ -357,7 +339,7 @@ def test_a_damaged_summary_is_refused(complete, tmp_path, capsys, content):
 
 
 def row(**changes):
-    """A change of the first regime's row."""
+    """Change the row of the first regime."""
     return lambda summary: summary | {"regimes": [summary["regimes"][0] | changes]}
 
 
@@ -392,32 +374,15 @@ def test_a_summary_of_the_wrong_shape_is_refused(complete, tmp_path, capsys, dam
 
 def test_compare_refuses_a_damaged_run(complete, tmp_path, capsys):
     folder = Path(shutil.copytree(complete, tmp_path / "both" / "dqn"))
-    (folder / "episodes.csv").write_text("nothing of the kind\n")
-    arguments = [
-        "compare",
-        "--agents",
-        "dqn",
-        "--out",
-        str(tmp_path / "both"),
-        "--quiet",
-        *SMALL_RUN,
-    ]
-    refused(capsys, tmp_path, arguments, "episodes.csv is damaged")
+    (folder / "episodes.csv").write_text("no episodes\n")
+    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), *SMALL_RUN]
+    refused(capsys, tmp_path, [*arguments, "--quiet"], "episodes.csv is damaged")
 
 
 def test_compare_refuses_runs_with_other_settings(complete, tmp_path, capsys):
     shutil.copytree(complete, tmp_path / "both" / "dqn")
-    arguments = [
-        "compare",
-        "--agents",
-        "dqn",
-        "--out",
-        str(tmp_path / "both"),
-        *SMALL_RUN,
-        "--set",
-        "lr=0.5",
-    ]
-    refused(capsys, tmp_path, arguments, "other settings")
+    arguments = ["compare", "--agents", "dqn", "--out", str(tmp_path / "both"), *SMALL_RUN]
+    refused(capsys, tmp_path, [*arguments, "--set", "lr=0.5"], "other settings")
 
 
 BUSY = """

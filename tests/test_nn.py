@@ -1,4 +1,4 @@
-"""The network, compared with loops, with its own members, and with finite differences."""
+"""The network, compared with loops, with single members and with finite differences."""
 
 import numpy as np
 import pytest
@@ -12,24 +12,18 @@ hidden_layers = pytest.mark.parametrize("hidden", [(), (4,), (4, 3)], ids=["line
 
 
 def loops(net, theta, x):
-    """q (A,) of one θ (P,) and one x (d,), one multiplication at a time; and the smallest |z|
-    before a ReLU.
-    """
-    *hidden, (W_last, b_last) = net.unpack(theta.astype(np.float64))
+    """q (A,) of one θ (P,) and one x (d,) by loops, and the smallest |z| before a ReLU."""
+    *hidden, last = net.unpack(theta.astype(np.float64))
     kink = np.inf
+
+    def affine(x, W, b):
+        return [b[j] + sum(x[i] * W[i, j] for i in range(len(x))) for j in range(len(b))]
+
     for W, b in hidden:
-        z = [b[j] + sum(x[i] * W[i, j] for i in range(len(x))) for j in range(len(b))]
+        z = affine(x, W, b)
         kink = min(kink, *np.abs(z))
         x = [max(z_j, 0.0) for z_j in z]
-    return (
-        np.array(
-            [
-                b_last[j] + sum(x[i] * W_last[i, j] for i in range(len(x)))
-                for j in range(len(b_last))
-            ]
-        ),
-        kink,
-    )
+    return np.array(affine(x, *last)), kink
 
 
 def test_a_block_holds_the_weights_then_the_bias():
@@ -51,14 +45,13 @@ def test_unpack_gives_views_that_cover_all_of_theta(net):
 @given(nets(), rngs(), sizes())
 def test_forward_matches_the_loops(net, rng, B):
     theta, x = net.init(rng).astype(np.float64), rng.normal(size=(B, net.widths[0]))
-    np.testing.assert_allclose(
-        net.forward(theta, x)[0], [loops(net, theta, row)[0] for row in x], atol=1e-12
-    )
+    expected = [loops(net, theta, row)[0] for row in x]
+    np.testing.assert_allclose(net.forward(theta, x)[0], expected, atol=1e-12)
 
 
 @given(nets(), rngs(), sizes(3), sizes())
 def test_a_stack_computes_the_same_as_each_member_alone(net, rng, k, B):
-    """Catches a reshape that mixes members: the shapes are right all the same."""
+    """Catches a reshape that mixes members but keeps the shapes."""
     theta, dq = net.init(rng, k), rng.normal(size=(k, B, net.widths[-1])).astype(np.float32)
     for x in (rng.normal(size=(B, net.widths[0])), rng.normal(size=(k, B, net.widths[0]))):
         q, cache = net.forward(theta, x)
@@ -66,10 +59,9 @@ def test_a_stack_computes_the_same_as_each_member_alone(net, rng, k, B):
         assert q.shape == dq.shape and grad.shape == theta.shape
         for j, x_j in enumerate(np.broadcast_to(x, (k, *x.shape[-2:]))):
             q_j, cache_j = net.forward(theta[j], x_j)
+            grad_j = net.backward(theta[j], cache_j, dq[j])
             np.testing.assert_allclose(q[j], q_j, rtol=1e-4, atol=1e-5)
-            np.testing.assert_allclose(
-                grad[j], net.backward(theta[j], cache_j, dq[j]), rtol=1e-4, atol=1e-5
-            )
+            np.testing.assert_allclose(grad[j], grad_j, rtol=1e-4, atol=1e-5)
 
 
 @given(nets(), rngs(), sizes(3), sizes())
@@ -93,7 +85,7 @@ def test_backward_matches_finite_differences(hidden, rng, k, B):
     def f(theta):
         return (dq * net.forward(theta, x)[0]).sum()
 
-    # between two kinks f is linear in each single parameter, so only rounding is left
+    # between two kinks f is linear in each parameter, so only rounding errors remain
     expected = finite_differences(f, theta, step=1e-5)
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-8)
 
@@ -116,13 +108,12 @@ def test_the_arithmetic_has_the_precision_of_theta(of_theta, of_x):
     net = MLP((2, 3, 1))
     theta = net.init(np.random.default_rng(0)).astype(of_theta)
     q, cache = net.forward(theta, np.ones((4, 2), of_x))
-    assert {array.dtype for array in (q, *cache, net.backward(theta, cache, q))} == {
-        np.dtype(of_theta)
-    }
+    arrays = (q, *cache, net.backward(theta, cache, q))
+    assert {array.dtype for array in arrays} == {np.dtype(of_theta)}
 
 
 def test_init_is_uniform_within_one_over_the_root_of_the_inputs():
-    """Catches 1/n_in, and the bias counted as an input: √10 for √9."""
+    """Catches 1/n_in, and the bias counted as an input: √10 instead of √9."""
     net = MLP((9, 1000, 1000))
     theta = net.init(np.random.default_rng(0))
     assert theta.dtype == np.float32

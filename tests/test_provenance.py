@@ -1,4 +1,4 @@
-"""What decides a run is told apart from what does not: versions, code, the machine's arithmetic."""
+"""Which changes of versions, code and arithmetic count as another run, and which do not."""
 
 import ast
 
@@ -21,7 +21,7 @@ def code(agent="dqn", **settings):
 
 
 def changed(before, now):
-    """The names of what has changed."""
+    """The names of the changes."""
     return [line.split()[0] for line in provenance.changes(before, now)]
 
 
@@ -43,7 +43,7 @@ def test_the_code_of_a_run_covers_its_agent_and_the_loop(agent, modules):
 @every_module
 def test_formatting_comments_and_docstrings_change_nothing(name):
     source = provenance.SOURCES[name]
-    plain = ast.unparse(ast.parse(source)).encode()  # without comments, and formatted anew
+    plain = ast.unparse(ast.parse(source)).encode()  # without comments and reformatted
     windows = source.replace(b"\n", b"\r\n")
     documented = b'"""Another docstring."""\n' + plain + b"  # and a comment\n"
     assert plain != source

@@ -1,11 +1,10 @@
-"""A run's folder: the same bytes in every process, also when it was killed on the way and
-resumed.
-"""
+"""A run's folder has the same bytes from every process, even if killed and resumed."""
 
 import json
 import random
 import re
 import shutil
+import signal
 import subprocess
 import time
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from typing import Annotated
 import numpy as np
 import pytest
 from helpers import (
+    PATIENCE,
     SMALL,
     Crash,
     checkpoints_every,
@@ -45,17 +45,16 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
 
 FILES = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
-DRIFTING = SMALL | dict(  # slow enough to be killed on the way
+DRIFTING = SMALL | dict(  # slow enough to be killed before the end
     episodes=30, capacity=400, batch_size=64, schedule=drifts_at(8, 15, 22)
 )
 SETTINGS = flags(**DRIFTING)
-ALWAYS = [  # a checkpoint at every episode
-    "-c",
-    (
-        "import sys; from gbdqn_ref import runs, __main__ as m; runs.CHECKPOINT_SECONDS = -1;"
-        " sys.exit(m.main())"
-    ),
-]
+ALWAYS = """
+import sys
+from gbdqn_ref import __main__, runs
+runs.CHECKPOINT_SECONDS = -1  # a checkpoint at every episode
+sys.exit(__main__.main())
+"""
 both = pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
 
 
@@ -71,7 +70,7 @@ def restore(files, folder):
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """{agent: the files of a run that was left alone}, made in this process."""
+    """{agent: the files of an uninterrupted run}, made in this process."""
     folders = {agent: tmp_path_factory.mktemp(agent) for agent in ("dqn", "gbdqn")}
     for agent, folder in folders.items():
         runs.train(config_of(agent), folder, quiet=True)
@@ -114,28 +113,31 @@ def lines(path):
 def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(
     tmp_path, undisturbed, agent
 ):
-    """kill -9 at random moments of a process that writes a checkpoint at every episode."""
+    """kill -9 at random moments of a process that writes a checkpoint at every episode.
+
+    A process that ends before it is killed ends with the same bytes too, and the run starts over.
+    """
     out, rng, kills = tmp_path / "run", random.Random(agent), 0
-    arguments = ["train", "--agent", agent, *SETTINGS]
-    for attempt in range(12):
+    streams = dict(stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    for _ in range(12):
         enough = lines(out / "episodes.csv") + rng.randint(2, 6)
-        process = subprocess.Popen(
-            command(*arguments, "--out", out, "--quiet", start=ALWAYS), env=environ(),
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        )  # fmt: skip
-        with process:
+        how = ["--resume"] if out.exists() else ["--agent", agent, *SETTINGS]
+        arguments = command("train", *how, "--out", out, "--quiet", start=("-c", ALWAYS))
+        with subprocess.Popen(arguments, env=environ(), **streams) as process:
             while process.poll() is None and lines(out / "episodes.csv") < enough:
                 time.sleep(0.001)
             time.sleep(rng.uniform(0, 0.03))
             process.kill()
-            stderr = process.stderr.read()
-        assert stderr == b"" and process.returncode in (0, -9), (attempt, stderr)
+            assert process.stderr.read() == b""
+        assert process.returncode in (0, -signal.SIGKILL)
         kills += process.returncode != 0
-        arguments = ["train", "--resume"]
-        if process.returncode == 0 or kills == 4:
+        if kills == 4:
             break
-    assert kills >= 3, "the machine is too fast for this test to say anything"
-    assert cli(*arguments, "--out", out, "--quiet")[0] == 0
+        if process.returncode == 0:
+            assert contents(out) == undisturbed[agent]
+            shutil.rmtree(out)
+    assert kills >= 3, "the machine is too fast for this test"
+    assert cli("train", "--resume", "--out", out, "--quiet")[0] == 0
     assert contents(out) == undisturbed[agent]
 
 
@@ -155,17 +157,14 @@ def interrupted(tmp_path):
         with pytest.raises(Crash):
             runs.train(config_of("gbdqn"), tmp_path / "interrupted", quiet=True)
     assert lines(tmp_path / "interrupted" / "episodes.csv") == 22
-    assert set(contents(tmp_path / "interrupted")) == {
-        "config.json",
-        "episodes.csv",
-        "checkpoint.npz",
-    }
+    written = {"config.json", "episodes.csv", "checkpoint.npz"}
+    assert set(contents(tmp_path / "interrupted")) == written
     return tmp_path / "interrupted"
 
 
 @pytest.mark.parametrize("agent", AGENTS)
 def test_every_agent_goes_on_as_if_it_had_never_stopped(tmp_path, monkeypatch, agent):
-    """Random's too, whose evaluation has a generator of its own."""
+    """Random too, whose evaluation has its own generator."""
 
     def run(*arguments):
         for record in train.run(*arguments):
@@ -213,9 +212,8 @@ def test_a_half_written_file_from_before_the_crash_does_no_harm(interrupted, und
     [[], ["--agent", "gbdqn", *SETTINGS], ["--env", "cartpole", "--seed", "0", *SETTINGS]],
 )
 def test_a_run_resumes_with_the_same_flags_or_none(interrupted, undisturbed, arguments, capsys):
-    assert (
-        __main__.main(["train", "--resume", "--out", str(interrupted), "--quiet", *arguments]) == 0
-    )
+    resume = ["train", "--resume", "--out", str(interrupted), "--quiet"]
+    assert __main__.main([*resume, *arguments]) == 0
     assert contents(interrupted) == undisturbed["gbdqn"]
     assert capsys.readouterr().err == ""
 
@@ -268,19 +266,15 @@ def test_ctrl_c_leaves_a_hint_and_the_run_can_be_resumed(
 def test_episodes_csv_holds_what_the_run_yielded(tmp_path, undisturbed, agent):
     (tmp_path / "episodes.csv").write_bytes(undisturbed[agent]["episodes.csv"])
     yielded = list(train.run(config_of(agent)))
-    assert [repr(record) for record in runs.read_episodes(tmp_path)] == [
-        repr(record) for record in yielded
-    ]
-    assert [(record["episode"], record["event"]) for record in yielded if record["event"]] == [
-        (8, "drift"), (15, "drift"), (22, "reset")
-    ]  # fmt: skip
+    assert repr(runs.read_episodes(tmp_path)) == repr(yielded)  # as text, since nan != nan
+    events = {record["episode"]: record["event"] for record in yielded if record["event"]}
+    assert events == {8: "drift", 15: "drift", 22: "reset"}
     assert [record["regime"] for record in yielded] == [0] * 8 + [1] * 7 + [2] * 7 + [3] * 8
-    assert all(record["return"] == record["length"] for record in yielded), (
-        "CartPole pays 1 per step"
+    returns, lengths, steps = (
+        [record[name] for record in yielded] for name in ("return", "length", "steps")
     )
-    assert np.cumsum([record["length"] for record in yielded]).tolist() == [
-        record["steps"] for record in yielded
-    ]
+    assert returns == lengths, "CartPole's reward is 1 per step"
+    assert np.cumsum(lengths).tolist() == steps
 
 
 @both
@@ -292,9 +286,8 @@ def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undistu
     assert content["config"]["replay"] is None
     assert content["own"]["replay"] == {"gbdqn": "recency", "dqn": "proportional"}[agent]
     assert Config.from_dict(content["config"] | content["own"]) == config_of(agent).resolved()
-    assert {"versions": content["versions"], "code": content["code"]} == provenance.of(
-        config_of(agent)
-    )
+    made_by = {"versions": content["versions"], "code": content["code"]}
+    assert made_by == provenance.of(config_of(agent))
     assert content["versions"]["numpy"] == np.__version__
     assert content.keys() == {"config", "own", "versions", "code"}
 
@@ -306,9 +299,8 @@ def test_summary_json_summarises_episodes_csv(undisturbed, agent):
     returns = [record["return"] for record in records]
     assert summary["final_return"] == pytest.approx(np.mean(returns))
     assert (summary["episodes"], summary["steps"]) == (30, records[-1]["steps"])
-    assert [row["mean_return"] for row in summary["regimes"]] == pytest.approx(
-        [np.mean(returns[a:b]) for a, b in ((0, 8), (8, 15), (15, 22), (22, 30))]
-    )
+    means = [np.mean(returns[a:b]) for a, b in ((0, 8), (8, 15), (15, 22), (22, 30))]
+    assert [row["mean_return"] for row in summary["regimes"]] == pytest.approx(means)
     assert 15 < summary["random_return"] < 30, "CartPole's random policy"
     assert ("recency_share_of_replay" in summary) == (agent == "gbdqn")
 
@@ -319,9 +311,8 @@ def test_the_last_checkpoint_is_the_agent_at_the_end_of_the_run(tmp_path, undist
     restored, trained = train.make_agent(config_of(agent)), train.make_agent(config_of(agent))
     list(train.run(config_of(agent), trained))
     assert checkpoint.load(tmp_path / "checkpoint.npz", restored) == 30
-    np.testing.assert_array_equal(
-        restored.q(np.eye(4, dtype=np.float32)), trained.q(np.eye(4, dtype=np.float32))
-    )
+    s = np.eye(4, dtype=np.float32)
+    np.testing.assert_array_equal(restored.q(s), trained.q(s))
 
 
 @both
@@ -335,29 +326,15 @@ def test_the_curve_shows_the_stored_episodes(tmp_path, undisturbed, agent):
 
 @pytest.mark.parametrize("env", drift.ENVIRONMENTS)
 def test_every_environment_runs_from_the_command_line(tmp_path, env, capsys):
-    arguments = [
-        "--env",
-        env,
-        "--agent",
-        "gbdqn",
-        "--preset",
-        "fast",
-        "--set",
-        "episodes=2",
-        "--set",
-        "hidden=[4]",
-    ]
-    schedule = '--set=schedule=[{"episode": 1, "gravity": 1.1}]'
-    assert (
-        __main__.main(["train", *arguments, schedule, "--out", str(tmp_path / "run"), "--quiet"])
-        == 0
-    )
+    settings = flags(episodes=2, hidden=[4], schedule=[{"episode": 1, "gravity": 1.1}])
+    arguments = ["--env", env, "--preset", "fast", *settings, "--out", str(tmp_path / "run")]
+    assert __main__.main(["train", *arguments, "--quiet"]) == 0
     assert set(contents(tmp_path / "run")) == FILES
     assert "gravity × 1.1" in capsys.readouterr().out
 
 
 def test_the_summary_has_the_share_of_samples_drawn_by_recency(tmp_path, undisturbed):
-    """(1 − β) Σ p^time of all that the two kinds of priorities sum up to (Eq. 10)."""
+    """(1 − β) Σ p^time, as a share of the sum over both kinds of priority (Eq. 10)."""
     restore(undisturbed["gbdqn"], tmp_path)
     config, agent = runs.read_agent(tmp_path)
     by_time = sum(np.exp(-config.recency_rate * age) for age in range(len(agent.replay)))
@@ -368,7 +345,7 @@ def test_the_summary_has_the_share_of_samples_drawn_by_recency(tmp_path, undistu
 
 @pytest.mark.parametrize("alpha", [0.1, "closed-form"])
 def test_the_last_checkpoint_and_the_last_evaluation_are_of_the_finished_agent(tmp_path, alpha):
-    """With target=frozen the last learner counts only once training has ended."""
+    """With target=frozen the last learner counts only at the end of training."""
     config = Config(**SMALL | {"schedule": drifts_at(3, 6, 9)}, target="frozen", alpha=alpha)
     summary = runs.train(config, tmp_path, quiet=True)
     trained = train.make_agent(config)
@@ -381,16 +358,17 @@ def test_the_last_checkpoint_and_the_last_evaluation_are_of_the_finished_agent(t
 
 
 def test_a_short_run_makes_few_environments(tmp_path, monkeypatch):
+    """At most one per episode, though each of 5 regimes is evaluated after every regime."""
     made, make = [], drift.gymnasium.make
-    monkeypatch.setattr(
-        drift.gymnasium,
-        "make",
-        lambda *args, **options: made.append(args) or make(*args, **options),
-    )
+
+    def counted(*args, **options):
+        made.append(args)
+        return make(*args, **options)
+
+    monkeypatch.setattr(drift.gymnasium, "make", counted)
     schedule = [{"episode": k, "length": 1 + k / 10} for k in (1, 2, 3, 4)]
-    summary = runs.train(
-        Config(**SMALL | {"episodes": 6, "schedule": schedule}), tmp_path / "run", quiet=True
-    )
+    config = Config(**SMALL | {"episodes": 6, "schedule": schedule})
+    summary = runs.train(config, tmp_path / "run", quiet=True)
     assert len(summary["regimes"]) == 5 and 1 <= len(made) <= 6
 
 
@@ -424,14 +402,12 @@ def test_a_run_goes_on_under_other_versions_only_where_that_is_accepted(
     assert {"versions": content["versions"], "code": content["code"]} == first
     assert content["continued"] == [{"episode": 18, **provenance.of(config_of("gbdqn"))}] != [first]
     assert left == {name: undisturbed["gbdqn"][name] for name in left}
-    monkeypatch.undo()  # what is complete is read under any versions
+    monkeypatch.undo()  # a complete run is read under any versions
     assert runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True) == summary
 
 
 def test_what_was_accepted_last_is_what_counts(interrupted, undisturbed, monkeypatch):
-    """Interrupted again under the new version, the run goes on there without another word, and no
-    longer under the old one.
-    """
+    """After another interruption the new version is accepted silently; the old one is not."""
 
     def accepted(*arguments):
         raise Crash
@@ -463,7 +439,7 @@ def test_comments_and_docstrings_may_change_before_a_resume(interrupted, undistu
 
 
 def aged(folder):
-    """The folder as it was written before the code was on record and settings could be None."""
+    """Rewrite config.json as it was before the code was recorded and settings could be None."""
     content = json.loads((folder / "config.json").read_bytes())
     settings = content["config"] | content["own"]
     old = {"config": settings, "versions": {"numpy": content["versions"]["numpy"]}}
@@ -510,9 +486,7 @@ def test_a_setting_that_an_older_run_does_not_know_has_its_default(
 def test_an_agents_own_setting_of_the_past_holds_for_its_runs(
     interrupted, undisturbed, monkeypatch
 ):
-    """Where GB-DQN's own replay is another one today, a run that began with the old one keeps it,
-    and a new config is another run.
-    """
+    """A run keeps the replay it began with even if GB-DQN's default changes."""
     today = AGENTS["gbdqn"]._replace(own={"replay": "uniform"})
     monkeypatch.setitem(AGENTS, "gbdqn", today)
     assert runs.read_config(interrupted).replay == "recency"
@@ -580,18 +554,12 @@ def test_a_disk_that_is_too_small_names_the_file_and_keeps_the_rest(
 ):
     out = tmp_path / "run"
     arguments = ["train", "--agent", "dqn", *SETTINGS, "--out", out, "--quiet"]
-    full = subprocess.run(
-        command(limit, *arguments, start=("-c", FULL)),
-        env=environ(),
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    limited = command(limit, *arguments, start=("-c", FULL))
+    full = subprocess.run(limited, env=environ(), capture_output=True, text=True, timeout=PATIENCE)
     assert full.returncode == 2 and full.stderr.count("\n") == 1
     assert f"File too large: {str(out / name)!r}" in full.stderr
-    assert set(contents(tmp_path)) == (
-        set() if name == "config.json" else {"run", "run/config.json", "run/episodes.csv"}
-    )
+    kept = set() if name == "config.json" else {"run", "run/config.json", "run/episodes.csv"}
+    assert set(contents(tmp_path)) == kept
     runs.train(config_of("dqn"), out, resume=out.exists(), quiet=True)
     assert contents(out) == undisturbed["dqn"]
 
@@ -618,10 +586,8 @@ def test_compare_finishes_interrupted_runs(tmp_path, interrupted, undisturbed, c
     out = tmp_path / "both"
     shutil.copytree(interrupted, out / "gbdqn")
     assert __main__.main(["compare", *SETTINGS, "--out", str(out), "--quiet"]) == 0
-    assert (
-        contents(out / "gbdqn") == undisturbed["gbdqn"]
-        and contents(out / "dqn") == undisturbed["dqn"]
-    )
+    for agent, written in undisturbed.items():
+        assert contents(out / agent) == written
 
 
 def test_compare_shows_the_stored_results(tmp_path, undisturbed, capsys):
@@ -665,16 +631,15 @@ def test_a_run_does_not_start_in_the_folder_of_another(tmp_path, undisturbed):
 
 @both
 def test_after_each_regime_the_agent_is_evaluated_in_every_regime(tmp_path, undisturbed, agent):
-    """The last row is what the agent of the checkpoint reaches, in physics that are set by hand."""
+    """The last row is the return of the checkpoint's agent in physics that are set by hand."""
     summary = json.loads(undisturbed[agent]["summary.json"])
     assert [len(row) for row in summary["evaluation"]] == [4, 4, 4, 4]
     restore(undisturbed[agent], tmp_path / "run")
     config = config_of(agent)
     learner = train.make_agent(config)
     checkpoint.load(tmp_path / "run" / "checkpoint.npz", learner)
-    for (length, gravity), mean in zip(
-        [(1, 1), (2, 1), (2, 2), (1, 1)], summary["evaluation"][-1], strict=True
-    ):
+    physics = [(1, 1), (2, 1), (2, 2), (1, 1)]
+    for (length, gravity), mean in zip(physics, summary["evaluation"][-1], strict=True):
         env = drift.make("cartpole", [{"episode": 0, "length": length, "gravity": gravity}])
         assert train.evaluate(learner, env, 5, config.seed).mean() == mean
 
@@ -685,7 +650,7 @@ def test_the_evaluation_does_not_change_the_training(monkeypatch, undisturbed, a
     without = list(train.run(config_of(agent)))
     monkeypatch.undo()
     with_it = [record | {"evaluation": []} for record in train.run(config_of(agent))]
-    assert repr(with_it) == repr(without)  # as text, in which nan is nan
+    assert repr(with_it) == repr(without)  # as text, since nan != nan
 
 
 def test_regimes_beyond_the_end_of_a_run_are_not_evaluated():

@@ -1,4 +1,4 @@
-"""The schedule of regimes: resolved once, and refused in one line where it makes no sense."""
+"""The schedule of regimes: resolved once, and refused in one line if malformed."""
 
 import inspect
 
@@ -37,12 +37,8 @@ def test_an_entry_at_0_replaces_the_stock_regime():
 
 
 def test_drifted_says_whether_a_regimes_physics_differ_from_stock():
-    assert [regime.drifted for regime in regimes("mountaincar", THREE, 12)] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    drifted = [regime.drifted for regime in regimes("mountaincar", THREE, 12)]
+    assert drifted == [False, True, True, False]
 
 
 def test_numpy_numbers_are_accepted():

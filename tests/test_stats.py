@@ -1,4 +1,4 @@
-"""Worked examples, small enough to be done by hand."""
+"""Statistics of runs, on examples small enough to compute by hand."""
 
 import re
 from itertools import product
@@ -33,14 +33,13 @@ runs = st.lists(reals(), min_size=1, max_size=9).map(np.array)
 
 
 def records(*regimes):
-    """The records of a run: (return of each episode) per regime."""
+    """The records of a run, given the returns of each regime's episodes."""
     rows = []
     for regime, returns in enumerate(regimes):
         for i, r in enumerate(returns):
             event = "drift" if regime and not i else ""
-            rows.append(
-                {"episode": len(rows), "regime": regime, "event": event, "return": float(r)}
-            )
+            row = {"regime": regime, "event": event, "return": float(r)}
+            rows.append(row | {"episode": len(rows)})
     return rows
 
 
@@ -70,7 +69,7 @@ def test_a_trailing_mean_of_too_few_values_is_empty(n):
 @pytest.mark.parametrize(
     ("levels", "episodes"),
     [
-        ([1.0] * 10, 10),  # the first mean of 10 there is
+        ([1.0] * 10, 10),  # the first possible mean of 10
         ([0.91] * 10, 10),
         ([0.0] * 10 + [1.0] * 20, 19),  # nine ones and a zero among the last ten: exactly 0.9
         ([0.0] + [1.0] * 9, 10),
@@ -99,56 +98,35 @@ def test_one_good_episode_is_no_recovery():
 
 
 def test_a_single_regime_has_neither_drop_nor_recovery():
-    assert regime_table(records([10, 20]), 0.0) == [
-        dict(
-            regime=0,
-            first_episode=0,
-            episodes=2,
-            event="",
-            mean_return=15.0,
-            drop=None,
-            recovery=None,
-            area=None,
-        )
-    ]
+    place = dict(regime=0, first_episode=0, episodes=2, event="")
+    undefined = dict(drop=None, recovery=None, area=None)
+    assert regime_table(records([10, 20]), 0.0) == [place | dict(mean_return=15.0) | undefined]
 
 
 def test_a_drop_and_a_recovery_by_hand():
-    # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
+    """The last 20 before the drift have mean 100, the random policy 20: 60 is level 0.5.
+
+    Level 0.9 is 92 = (2 · 60 + 8 · 100) / 10, which the first 28 episodes reach.
+    """
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
-    assert table[1] == dict(
-        regime=1,
-        first_episode=25,
-        episodes=40,
-        event="drift",
-        mean_return=80.0,
-        drop=0.5,
-        recovery=28,
-        area=0.75,
-    )  # (2 · 60 + 8 · 100) / 10 = 92
+    place = dict(regime=1, first_episode=25, episodes=40, event="drift")
+    assert table[1] == place | dict(mean_return=80.0, drop=0.5, recovery=28, area=0.75)
 
 
 def test_a_run_of_two_regimes_worked_by_hand():
-    """No two of mean, median, minimum, first and last agree, and neither do 19, 20 and 21 episodes.
+    """Mean, median, minimum, first and last all differ, and so do 19, 20 and 21 episodes.
 
-    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. After the drift levels
-    1 (4 times), 0 (16), 2 (5): the first mean of 10 at 0.9 has five zeros and five twos.
+    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. Levels after the drift:
+    1 (4 times), 0 (16), 2 (5); the first mean of 10 at 0.9 has five zeros and five twos.
     """
     rows = records([1000] * 5 + [9, 11] * 10, [10] * 4 + [0] * 16 + [20] * 5)
     for number, each in enumerate(rows):
         each["episode"] = 100 + number  # a run's later part
     first, second = regime_table(rows, 0.0)
     assert first["mean_return"] == 208.0 and first["first_episode"] == 100  # (5000 + 200) / 25
-    assert second == dict(
-        regime=1,
-        first_episode=125,
-        episodes=25,
-        event="drift",
-        mean_return=5.6,  # (4 · 10 + 5 · 20) / 25
-        drop=0.8,  # 1 − 4 / 20
-        recovery=25,
-        area=pytest.approx(0.56),
-    )
+    place = dict(regime=1, first_episode=125, episodes=25, event="drift")
+    levels = dict(drop=1 - 4 / 20, recovery=25, area=pytest.approx(0.56))
+    assert second == place | dict(mean_return=(4 * 10 + 5 * 20) / 25) | levels
     assert {type(value) for value in second.values()} == {int, float, str}  # JSON's own
 
 
@@ -167,9 +145,8 @@ def test_a_gain_is_a_negative_drop():
 
 
 def test_negative_returns_are_measured_from_the_random_policy():
-    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[
-        1
-    ]  # −140 is (500 − 140) / 400 = 0.9 of the way
+    """−140 is (500 − 140) / 400 = 0.9 of the way from −500 to −100."""
+    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[1]
     assert row["drop"] == pytest.approx(0.1)
     assert regime_table(records([-100] * 20, [-141] * 30), -500.0)[1]["recovery"] is None
     assert regime_table(records([-100] * 20, [-139] * 30), -500.0)[1]["recovery"] == 10
@@ -189,7 +166,7 @@ def test_a_level_no_better_than_random_has_nothing_to_lose(before):
 def test_a_standard_error_by_hand():
     assert standard_error([1.0, 2.0, 3.0]) == pytest.approx(1 / 3**0.5)  # √((1 + 0 + 1) / 2) / √3
     assert standard_error([4.0, 4.0]) == 0.0
-    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; with n it would be 1 / √2
+    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; dividing by n gives 1 / √2
 
 
 def test_a_single_episode_has_an_infinite_standard_error():
@@ -205,7 +182,7 @@ def test_a_gain_is_more_than_two_standard_errors_above_the_random_policy(random,
 
 
 def test_a_single_episode_before_a_drift_shows_no_gain():
-    """One good episode of an untrained agent: its drop would be −227 % or anything else."""
+    """A single episode of an untrained agent may be lucky; any drop would be meaningless."""
     row = regime_table(records([40], [100] * 30), 20.0)[1]
     assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
 
@@ -226,21 +203,19 @@ def test_a_short_regime_is_compared_with_all_earlier_episodes_available():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the last regime's reference reaches back over two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
+    # the last regime's reference covers two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
 def test_the_table_gives_each_regimes_first_episode_and_event():
     rows = records([1] * 3, [1] * 4, [1] * 5)
     rows[7]["event"] = "reset"
-    table = regime_table(rows, 0.0)
-    assert [(row["regime"], row["first_episode"], row["event"]) for row in table] == [
-        (0, 0, ""), (1, 3, "drift"), (2, 7, "reset")
-    ]  # fmt: skip
+    found = [(row["first_episode"], row["event"]) for row in regime_table(rows, 0.0)]
+    assert found == [(0, ""), (3, "drift"), (7, "reset")]
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """Reference 100, random policy 0: 20 episodes of 50 and 20 of 100 have level 0.75."""
+    """With reference 100 and random policy 0, 20 episodes of 50 and 20 of 100 give 0.75."""
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -250,7 +225,7 @@ def test_the_area_of_a_regime_is_its_mean_level():
     [
         ([0, 1, 2, 3, 100], 2),  # (0.15 · 1 + 0.2 · 2 + 0.15 · 3) · 2
         ([4, 0, 0, 4, 9], 2.8),  # sorted 0 0 4 4 9: (0.15 · 0 + 0.2 · 4 + 0.15 · 4) · 2
-        ([1, 2, 6, 100], 4),  # the second and the third, whole
+        ([1, 2, 6, 100], 4),  # all of the second and the third
         ([7], 7),
         ([1, 5], 3),
         ([0, 3, 9], 3.5),  # thirds: (1/3 − 1/4) · 0 + 1/3 · 3 + (3/4 − 2/3) · 9, twice
@@ -283,7 +258,7 @@ def test_an_interval_lies_within_the_values_and_depends_only_on_its_seed(x, rng)
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1, with probabilities ¼, ½, ¼."""
+    """A resample of (0, 1) has mean 0, ½ or 1, with probabilities ¼, ½, ¼."""
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
@@ -318,7 +293,7 @@ def test_unpaired_results_are_refused_and_not_broadcast(x, y):
 
 
 def test_an_interval_ends_at_the_percentiles_of_all_resamples():
-    """2.5 and 97.5 % of the interquartile means of all 5⁵ resamples, each to one percent."""
+    """2.5 and 97.5 % of the IQMs of all 5⁵ resamples, each to within one percent."""
     values = [0.0, 1.0, 3.0, 7.0, 20.0]
     every = np.array([iqm(resample) for resample in product(values, repeat=5)])
     ends = bootstrap_interval(values, np.random.default_rng(0), resamples=3000)
@@ -328,7 +303,7 @@ def test_an_interval_ends_at_the_percentiles_of_all_resamples():
 
 
 def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
-    """Of (0, 0, 1) the mean is 1 in 1/27 = 3.7 % of the resamples: within 95 %, not within 90 %."""
+    """(0, 0, 1): the mean is 1 in 1/27 = 3.7 % of the resamples, inside 95 %, outside 90 %."""
     assert bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean) == (0.0, 1.0)
     low, high = bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean, level=0.9)
     assert (low, high) == (0.0, pytest.approx(2 / 3))
@@ -338,22 +313,18 @@ STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
 
 
 @pytest.mark.parametrize(
-    ("statistic", "stated", "n"),
-    [
-        (statistic, float(percent), int(n))
-        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
-    ],
+    ("statistic", "stated"), [*zip((iqm, iqm, iqm, np.mean), STATED, strict=True)]
 )
-def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
-    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
-    rng = np.random.default_rng(0)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated):
+    """For 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng, stated, n = np.random.default_rng(0), float(stated[0]), int(stated[1])
     intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
     covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
     assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
 
 
 def test_each_environment_is_resampled_separately():
-    """Runs that agree within each environment leave no spread, however far these are apart."""
+    """Runs that agree within each environment have no spread, however much these differ."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
@@ -374,7 +345,7 @@ def test_pairing_removes_variation_shared_by_the_seeds():
 
 
 def test_a_paired_difference_by_hand():
-    """Differences 1, 2, −7, 10, whose middle half is 1 and 2; the two IQMs differ by 2.5."""
+    """The differences 1, 2, −7, 10 have the middle half 1 and 2; the two IQMs differ by 2.5."""
     x, y = [1.0, 2.0, 3.0, 10.0], [0.0, 0.0, 10.0, 0.0]
     middle, low, high = paired_difference(x, y, np.random.default_rng(0), resamples=1)
     assert middle == 1.5 and low == high  # of one resample
@@ -388,14 +359,8 @@ def test_mean_and_std_by_hand():
 
 @pytest.mark.parametrize(
     ("times", "median"),
-    [
-        ([10, 30, 20], 20),
-        ([10, None, 20], 20),
-        ([None, 10, None], None),
-        ([10, 20], 15),
-        ([10, None], None),
-        ([9], 9),
-    ],
+    [([10, 30, 20], 20), ([10, None, 20], 20), ([None, 10, None], None)]
+    + [([10, 20], 15), ([10, None], None), ([9], 9)],
 )
 def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
     assert median_recovery(times) == median
@@ -421,7 +386,7 @@ def test_without_runs_that_had_something_to_lose_medians_are_undefined():
 
 
 def test_forgetting_is_the_best_evaluation_minus_the_last():
-    """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
+    """Regime 0 falls from 90 to 60; regime 1 ends at its best."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
 
 
@@ -450,7 +415,7 @@ def test_alarms_are_matched_with_drifts(alarms, drifts, expected):
 
 
 def test_a_sign_flip_test_enumerates():
-    """Of the 16 flips of (1, 2, 3, 4) one mean is as large as theirs."""
+    """Of the 16 sign flips of (1, 2, 3, 4) only one has as large a mean."""
     p = sign_flip_test([1, 2, 3, 4], np.random.default_rng(0), statistic=np.mean, flips=40_000)
     assert p == pytest.approx(1 / 16, abs=0.005)
     p = sign_flip_test([-1, -2, -3, -4], np.random.default_rng(0), statistic=np.mean)

@@ -1,4 +1,4 @@
-"""Promises about the code: its size, the direction of its imports, its words, its deviations."""
+"""Rules for the code: its size, its imports, its docstrings, its listed deviations."""
 
 import ast
 import re
@@ -31,7 +31,7 @@ def is_docstring(node):
 
 
 def statements(tree):
-    """How many statements a tree has inside, docstrings not counted."""
+    """How many statements a tree contains, without docstrings."""
     inside = (node for node in ast.walk(tree) if node is not tree)
     return sum(isinstance(node, ast.stmt) and not is_docstring(node) for node in inside)
 
@@ -48,7 +48,7 @@ def imports(tree):
 
 
 def reached(name):
-    """The modules of ours that importing this one imports, and itself."""
+    """The module and all modules of the package that it imports, directly or not."""
     found, new = set(), {name}
     while new:
         found |= new
@@ -114,7 +114,7 @@ def test_every_module_and_public_name_has_a_docstring():
 
 
 def test_nothing_is_called_done_and_nothing_is_pickled():
-    """A single flag for termination and truncation makes time limits look like failures."""
+    """One flag for both termination and truncation would treat time limits as failures."""
     for path in PACKAGE.glob("*.py"):
         text = path.read_text()
         assert not re.search(r"\bdone\b", text), path.name

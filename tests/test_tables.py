@@ -1,4 +1,4 @@
-"""What is printed, worked out by hand from a few summaries."""
+"""The printed tables, checked by hand on a few summaries."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,8 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
 from gbdqn_ref.tables import Table
 
-CONFIG = Config(
-    env="mountaincar", agent="gbdqn", seed=7, episodes=60,
-    schedule=[{"episode": 20, "gravity": 1.3}, {"episode": 40, "reset": True}],
-)  # fmt: skip
+SCHEDULE = [{"episode": 20, "gravity": 1.3}, {"episode": 40, "reset": True}]
+CONFIG = Config(env="mountaincar", agent="gbdqn", seed=7, episodes=60, schedule=SCHEDULE)
 
 
 def regime(mean=0.0, drop=None, recovery=None):
@@ -21,13 +19,13 @@ def regime(mean=0.0, drop=None, recovery=None):
 
 
 def summary(final=0.0, regimes=((), (), ()), seed=0, **more):
-    """What a run's summary.json says, as far as tables read it."""
+    """The fields of a run's summary.json that the tables read."""
     rows = [regime(*row) for row in regimes]
     return {"final_return": final, "random_return": -199.96, "seed": seed, "regimes": rows} | more
 
 
 def finals(*values, seeds=None):
-    """The summaries of one agent's runs, given their final returns."""
+    """The summaries of an agent's runs with these final returns."""
     seeds = range(len(values)) if seeds is None else seeds
     return [summary(final, seed=seed) for final, seed in zip(values, seeds, strict=True)]
 
@@ -62,9 +60,8 @@ def test_a_row_with_a_missing_cell_is_an_error():
 def test_the_table_of_regimes():
     gbdqn = summary(-131.25, [(-150.04,), (-199.0, 0.914, None), (-130, -0.5, 12)])
     dqn = summary(-121.0, [(-160.0,), (-140, 0.0, 10), (-200, None, None)])
-    shown = tables.regimes(
-        {"gbdqn": gbdqn | {"recency_share_of_replay": 0.306}, "dqn": dqn}, CONFIG
-    )
+    gbdqn["recency_share_of_replay"] = 0.306
+    shown = tables.regimes({"gbdqn": gbdqn, "dqn": dqn}, CONFIG)
     assert shown.title == "MountainCar, seed 7: mean return, drop and recovery per regime"
     assert shown.columns == ["regime", "GB-DQN", "drop", "recovery", "DQN", "drop", "recovery"]
     assert shown.rows == [
@@ -103,9 +100,9 @@ def test_nothing_is_printed_as_minus_zero():
 
 
 def test_the_table_of_a_study():
-    """Of 0, 1, 2, 3, 100 the mean is 21.2, the interquartile mean 2 and the deviation 44.1.
+    """0, 1, 2, 3, 100 have the mean 21.2, the IQM 2 and the standard deviation 44.1.
 
-    In the regimes the returns are 0, 1, 4, 9 and 16, whose mean is 6, ten times that, and minus it.
+    The returns in the regimes are 0, 1, 4, 9, 16 (mean 6), ten times these, and their negatives.
     """
     regimes = [[(k**2,), (10 * k**2,), (-(k**2),)] for k in range(5)]
     final = [0, 1, 2, 3, 100]
@@ -130,7 +127,7 @@ def test_the_table_of_a_study():
 
 
 def test_the_difference_is_ours_minus_dqns_with_its_interval():
-    """The differences are 1, 2, 3, 4 and 5; the middle of them is 3."""
+    """The differences 1, 2, 3, 4, 5 have the IQM 3."""
     ours, dqn = [11, 22, 33, 44, 55], [10, 20, 30, 40, 50]
     low, high = stats.bootstrap_interval([1, 2, 3, 4, 5], np.random.default_rng(0))
     shown = tables.study({"dqn": finals(*dqn), "reset": finals(*ours)}, CONFIG)
@@ -193,7 +190,7 @@ def test_the_table_of_drift_effect():
 
 
 def test_a_drift_counts_from_20_percent_and_only_if_its_regime_was_learnt():
-    """The first row is the stock physics and counts in neither number."""
+    """The first row is the stock physics and does not count as a drift."""
     rows = [effect(lost) for lost in (1.0, 0.2, 0.199, -0.5, None, 1.0)]
     shown = tables.drift_effect(rows, CONFIG)
     assert shown.notes[-1] == "2 of 5 drifts cost at least 20% of the gain"
