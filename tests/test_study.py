@@ -296,6 +296,13 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
     assert contents(tmp_path) == sequential
 
 
+def test_a_study_grows_by_an_agent_with_settings_of_its_own(tmp_path):
+    """The α of GB-DQN-reuse is not that of DQN, but each agent's own."""
+    assert study.run_study(FIRST, tmp_path, Here(), quiet=True) == {}
+    reuse = {"gbdqn-reuse-0": replace(CONFIGS["dqn-0"], agent="gbdqn-reuse")}
+    assert study.run_study(reuse, tmp_path, Here(), quiet=True) == {}
+
+
 def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
     with (
