@@ -102,7 +102,9 @@ def _parser() -> ArgumentParser:
     settings = _Parser(add_help=False)
     settings.add_argument("--env", type=_text, help="cartpole, mountaincar, acrobot or hopper")
     settings.add_argument(
-        "--preset", type=_text, help="paper (default), fast, or for some environments long or hard"
+        "--preset",
+        type=_text,
+        help="paper (default) or fast; for some environments long, hard, recurring, null, held-out",
     )
     run = _Parser(add_help=False, parents=[settings])
     run.add_argument("--seed", type=int, help="default 0")

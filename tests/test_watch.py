@@ -153,9 +153,9 @@ def test_captions_are_black_on_white_and_do_not_reach_the_pictures():
 
 
 def test_a_film_is_a_gif_that_repeats(tmp_path):
-    path = tmp_path / "new" / "film.gif"
+    path = tmp_path / "a" / "new" / "film.gif"
     watch.save([episode(3), episode(5)], path)
-    assert set(contents(tmp_path)) == {"new", "new/film.gif"}
+    assert set(contents(tmp_path)) == {"a", "a/new", "a/new/film.gif"}
     with Image.open(path) as film:
         assert (film.format, film.info["loop"], film.info["duration"]) == ("GIF", 0, 40)
         assert film.size == (2 * watch.WIDTH, 6 + watch.CAPTION)
