@@ -22,6 +22,8 @@ import several
 from measure import REPLAYS, STOCK, TINY, Scale
 from threadpoolctl import threadpool_limits
 
+from gbdqn_ref.plots import save
+
 
 def main(arguments=None):
     """Measure all there is, print the tables and draw the picture."""
@@ -43,7 +45,7 @@ def main(arguments=None):
         print(versions(absent))
         tables = show(one_core_tables(scale, absent))
     tables |= show([several.import_order(scale), several.jobs(scale, several.study_seconds)])
-    report.picture(curves(scale, tables), path)
+    save(report.picture(curves(scale, tables)), path)
     print(f"\nthe picture: {path}")
 
 

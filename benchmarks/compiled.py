@@ -97,6 +97,7 @@ class World(NamedTuple):
     added: jax.Array  # how many there have been
     s: jax.Array
     length: jax.Array  # steps in this episode
+    episodes: jax.Array  # how many have ended
     key: jax.Array
 
 
@@ -104,10 +105,10 @@ def begin(agent):
     """A World before its first step, at CartPole's middle."""
     n = agent.config.capacity
     s, a, r = jnp.zeros((n, 4)), jnp.zeros(n, jnp.int32), jnp.ones(n)
-    ring, zero = (s, a, r, s.copy(), jnp.zeros(n, bool)), jnp.zeros((), jnp.int32)
-    return World(
-        learner(agent), ring, zero, jnp.zeros(4), zero.copy(), jax.random.key(0, impl="rbg")
-    )
+    ring = s, a, r, s.copy(), jnp.zeros(n, bool)
+    added, length, episodes = (jnp.zeros((), jnp.int32) for _ in range(3))
+    key = jax.random.key(0, impl="rbg")
+    return World(learner(agent), ring, added, jnp.zeros(4), length, episodes, key)
 
 
 def step(agent, world, draw):
@@ -123,8 +124,9 @@ def step(agent, world, draw):
     )
     ends = terminated | (world.length + 1 == 500)
     s = jnp.where(ends, 0.1 * draw[2:] - 0.05, s2)
-    length = jnp.where(ends, 0, world.length + 1)
-    return world._replace(ring=ring, added=world.added + 1, s=s, length=length)
+    length, episodes = jnp.where(ends, 0, world.length + 1), world.episodes + ends
+    added = world.added + 1
+    return world._replace(ring=ring, added=added, s=s, length=length, episodes=episodes)
 
 
 def round_of_training(agent, world):
@@ -152,6 +154,7 @@ def training(agent, steps):
         world = jax.block_until_ready(compiled(world))
         yield {
             "length": steps,
+            "episodes": int(world.episodes),
             "updates": int(world.learner.t),
             "parameters": world.learner.theta.size,
         }

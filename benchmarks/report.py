@@ -5,8 +5,6 @@ from math import isnan
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from gbdqn_ref.plots import save
-
 LOOKS = (("#0072B2", "o"), ("#D55E00", "^"), ("#009E73", "s"))  # of the first line, the second …
 PANELS = (  # title, x, y
     ("drawing 64 and updating their priorities", "transitions in the buffer", "µs"),
@@ -34,7 +32,7 @@ def decimals(x):
     return max(0, 2 - int(max(1, x) >= 10) - int(x >= 100))
 
 
-def picture(panels, path):
+def picture(panels):
     """How cost grows: a panel for each of PANELS, {label: (x, y)}."""
     figure = Figure(figsize=(14, 4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -48,4 +46,4 @@ def picture(panels, path):
         axes.legend(frameon=False, loc="upper right" if "runs" in title else "upper left")
         axes.spines[["top", "right"]].set_visible(False)
     all_axes[0].set_xscale("log")
-    save(figure, path)
+    return figure

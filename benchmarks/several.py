@@ -15,7 +15,7 @@ from measure import Section, compare, measure
 
 RUNS = 8
 JOBS = f"a study of {RUNS} runs"
-LIMITED = "one thread, said in the environment"
+LIMITED = "OPENBLAS_NUM_THREADS=1"
 TRAINING = """
 from time import perf_counter
 from gbdqn_ref.train import Config, run
