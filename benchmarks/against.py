@@ -2,7 +2,7 @@
 
 from functools import partial
 from itertools import islice
-from time import perf_counter
+from time import process_time
 from types import SimpleNamespace
 
 import gymnasium
@@ -40,10 +40,8 @@ def learner(batch_size, widths):
     """A DQN that draws one and the same Batch each time, and that Batch."""
     state_dim, *hidden, n_actions = widths
     config = Config(agent="dqn", hidden=hidden, batch_size=batch_size)
-    agent, batch = (
-        DQN(state_dim, n_actions, config, np.random.default_rng(0)),
-        noise(batch_size, state_dim, n_actions),
-    )
+    agent = DQN(state_dim, n_actions, config, np.random.default_rng(0))
+    batch = noise(batch_size, state_dim, n_actions)
     agent.replay = SimpleNamespace(sample=lambda *_: batch, update_priorities=lambda *_: None)
     return agent, batch
 
@@ -68,8 +66,7 @@ def check_same_update(agent, learn, theta, updates=3):
 
 
 def training(scale, env, absent):
-    """The whole of training, per environment step, with the paper's settings for Acrobot: an update
-    every 4 steps.
+    """The whole of training, with an update every 4 steps.
 
     DQN and GB-DQN with every replay, the other agents with their own.
     """
@@ -117,18 +114,16 @@ def compiling():
 
     calls = {}
     for batch_size, widths in UPDATES:
-        calls[f"update, network {'-'.join(map(str, widths))}"], _ = compiled.jax_update(
-            *learner(batch_size, widths)
-        )
+        learn, _ = compiled.jax_update(*learner(batch_size, widths))
+        calls[f"update, network {'-'.join(map(str, widths))}"] = learn
     agent = make_agent(settled(agent="dqn", replay="uniform"))
     calls[LOOP] = partial(next, compiled.training(agent, agent.config.update_every))
-    return Section(
-        "compiling, once per process", ("s",), {k: (first(f),) for k, f in calls.items()}
-    )
+    rows = {name: (first(call),) for name, call in calls.items()}
+    return Section("compiling, once per process", ("s",), rows)
 
 
 def first(call):
-    """Seconds of one call."""
-    start = perf_counter()
+    """The processor's seconds for one call."""
+    start = process_time()
     call()
-    return perf_counter() - start
+    return process_time() - start

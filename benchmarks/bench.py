@@ -2,8 +2,8 @@
 
     python benchmarks/bench.py [--tiny] [--out runs/bench.png]
 
-All but the last two tables are measured in one thread on one core. The peers are optional:
-pip install -e '.[peers]'.
+All but the last two tables are measured in one thread on one core, in time of the processor. The
+peers are optional: pip install -e '.[peers]'.
 """
 
 import argparse

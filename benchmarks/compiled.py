@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+jax.config.update("jax_cpu_enable_async_dispatch", False)  # faster, where each call is waited for
+
 
 class Learner(NamedTuple):
     """What an update changes: θ, θ̄ and Adam's moments, each (P,), and Adam's count."""
@@ -29,7 +31,7 @@ def learner(agent):
 
 def forward(net, theta, x):
     """q (…, A) of an nn.MLP with flat θ (P,), as nn has it, for x (…, d)."""
-    *hidden, last = (theta[span].reshape(shape) for span, shape in net.blocks)
+    *hidden, last = net.layers(theta)
     for V in hidden:
         x = jax.nn.relu(x @ V[:-1] + V[-1])
     return x @ last[:-1] + last[-1]

@@ -19,7 +19,7 @@ def replay(scale):
         for size in scale.sizes:
             for what, call in replay_calls(kind, size).items():
                 timers[kind, size, what] = repeat(scale, call)
-    times, rows, base = measure(scale, timers), {}, scale.sizes[:2][-1]
+    times, rows, base = measure(scale, timers), {}, scale.sizes[0]
     for kind in REPLAYS:
         both = {
             size: times[kind, size, "sample"] + times[kind, size, "update"] for size in scale.sizes

@@ -1,9 +1,10 @@
 """How time is taken: the timers of a section take turns, so that a slow moment hits all of them.
 
+Time is the processor's, of all threads of this process, so that other processes count for little.
 A ratio is the median of the ratios within a turn. Microseconds of two runs are not to be compared.
 """
 
-from time import perf_counter
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -63,12 +64,12 @@ def repeat(scale, call):
     """A timer of µs per call."""
 
     def timer():
-        start, calls = perf_counter(), 0
-        while calls == 0 or perf_counter() - start < scale.seconds:
+        start, calls = process_time(), 0
+        while calls == 0 or process_time() - start < scale.seconds:
             for _ in range(10):  # lest the clock be what is measured
                 call()
             calls += 10
-        return (perf_counter() - start) / calls * 1e6
+        return (process_time() - start) / calls * 1e6
 
     return timer
 
@@ -77,10 +78,10 @@ def train_on(scale, records):
     """A timer of µs per environment step, from a generator of records like train.run()'s."""
 
     def timer():
-        start, steps = perf_counter(), 0
+        start, steps = process_time(), 0
         while steps < scale.steps:
             steps += next(records)["length"]
-        return (perf_counter() - start) / steps * 1e6
+        return (process_time() - start) / steps * 1e6
 
     return timer
 

@@ -1,8 +1,8 @@
 """Where an environment step's time goes, and the least that each part could take."""
 
 from functools import partial
-from itertools import pairwise
-from time import perf_counter
+from itertools import cycle, pairwise
+from time import process_time
 
 import gymnasium
 import numpy as np
@@ -47,7 +47,7 @@ def part_timers(scale, config, agent):
     return {"all": everything} | {part: partial(spent.get, part) for part in PARTS}
 
 
-def stopwatch(agent, clock=perf_counter):
+def stopwatch(agent, clock=process_time):
     """({part: seconds}, switch) while an agent trains: at any time one part is on, until a switch.
 
     Acting is followed by the environment, and that by storing.
@@ -82,9 +82,10 @@ def stopwatch(agent, clock=perf_counter):
 def floor_timers(scale, agent):
     """Timers of µs per environment step: the environment, the products and the memory alone."""
     c, widths = agent.config, agent.net.widths
-    one, slots = noise(1, widths[0], widths[-1]), np.random.default_rng(0)
-    row = np.concatenate([np.atleast_1d(x[0]).view(np.uint8) for x in one[1:-1]])
-    ring, index = np.zeros((c.capacity, len(row)), np.uint8), slots.integers(c.capacity, size=64)
+    transition = noise(1, widths[0], widths[-1])[1:-1]
+    row = np.concatenate([np.atleast_1d(x[0]).view(np.uint8) for x in transition])
+    ring = np.zeros((c.capacity, len(row)), np.uint8)
+    index = np.random.default_rng(0).integers(c.capacity, size=c.batch_size)
     multiply, move = products(c.batch_size, widths, backward=True), traffic(agent.net.size)
     calls = {
         "environment": (step(gymnasium.make(STOCK[c.env]).unwrapped), 1),
@@ -148,10 +149,10 @@ def environments(scale):
 def step(env):
     """A function that makes one random step, and begins anew where an episode ends."""
     env.reset(seed=0)
-    rng = np.random.default_rng(0)
+    actions = cycle(np.random.default_rng(0).integers(env.action_space.n, size=1000).tolist())
 
     def random_step():
-        _, _, terminated, truncated, _ = env.step(int(rng.integers(env.action_space.n)))
+        _, _, terminated, truncated, _ = env.step(next(actions))
         if terminated or truncated:
             env.reset()
 
