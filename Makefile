@@ -6,7 +6,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test bench notebooks mutants clean
+.PHONY: train test bench notebooks mutants test-oldest clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
@@ -26,6 +26,10 @@ mutants: .venv/test
 	$(BIN)/pip install --quiet --editable '.[dev,mutants]'
 	$(BIN)/python tests/mutants.py
 
+# Without the notebooks. Python's own lower bound: make test-oldest PYTHON=python3.11
+test-oldest: .venv-oldest/test
+	.venv-oldest/bin/python -m pytest --ignore tests/test_notebooks.py
+
 .venv/train: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --editable .
@@ -36,5 +40,12 @@ mutants: .venv/test
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	touch $@ .venv/train
 
+.venv-oldest/test: pyproject.toml
+	$(PYTHON) -m venv .venv-oldest
+	$(PYTHON) -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+		print("\n".join(project["dependencies"]).replace(">=", "=="))' > .venv-oldest/bounds.txt
+	.venv-oldest/bin/pip install --quiet --editable '.[dev]' --requirement .venv-oldest/bounds.txt
+	touch $@
+
 clean:
-	rm -rf .venv runs mutants
+	rm -rf .venv .venv-oldest runs mutants

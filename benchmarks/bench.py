@@ -9,6 +9,7 @@ peers are optional: pip install -e '.[peers]'.
 import argparse
 import os
 import platform
+import sys
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -98,6 +99,7 @@ def show(sections):
     tables = {}
     for section in sections:
         report.table(*section)
+        sys.stdout.flush()  # a table is seen when it is ready, also in a file
         tables[section.title] = section.rows
     return tables
 

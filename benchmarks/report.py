@@ -5,7 +5,9 @@ from math import isnan
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-LOOKS = (("#0072B2", "o"), ("#D55E00", "^"), ("#009E73", "s"))  # of the first line, the second …
+from gbdqn_ref.agents import OKABE_ITO
+
+LOOKS = tuple(zip(OKABE_ITO, "o^s", strict=False))  # of the first line, the second …
 PANELS = (  # title, x, y
     ("drawing 64 and updating their priorities", "transitions in the buffer", "µs"),
     ("GB-DQN on Acrobot", "frozen boosters", "time, as a multiple of that without any"),

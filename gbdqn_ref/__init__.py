@@ -1,8 +1,9 @@
 """GB-DQN (arXiv 2512.17034) as an executable paper: NumPy only, hand-written, checked.
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman,
-boosting, replay, tabular, dqn, gbdqn, baselines, agents, schedule, physics, drift, presets, config,
-stats, train, files, checkpoint, plots, runs, study, effect, watch, tables, __main__.
+boosting, replay, tabular, detect, dqn, gbdqn, reuse, baselines, agents, schedule, physics, drift,
+presets, config, stats, train, files, checkpoint, plots, runs, study, effect, watch, tables,
+__main__.
 """
 
 # Freed at once: from then on glibc keeps freed memory for reuse instead of unmapping it each time.

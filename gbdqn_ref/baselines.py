@@ -69,14 +69,11 @@ class ResetDQN(DQN):
     its replay.
     """
 
-    def on_drift(self, event):
-        """A fresh network, target and Adam at a drift, and at the return to the stock physics as
-        well (D20).
-        """
-        super().on_drift(event)
+    def on_drift(self, event, fresh=0):
+        """A fresh network and target at a drift, and at the return to the stock physics (D20)."""
+        super().on_drift(event, fresh)
         self.theta = self.net.init(self.rng)
         self.theta_target = self.theta.copy()
-        self.adam = Adam(self.net.size, self.config.lr)
 
 
 def sliding_dqn(state_dim, n_actions, config, rng):
@@ -91,10 +88,11 @@ class FrozenDQN(DQN):
     It goes on as it is: it acts ε-greedily, remembers, and measures its TD errors.
     """
 
-    def on_drift(self, event):
+    def on_drift(self, event, fresh=0):
         """From the first drift on the step size is 0."""
-        super().on_drift(event)
-        if event == "drift":
+        frozen = event == "drift" or self.adam.lr == 0
+        super().on_drift(event, fresh)
+        if frozen:
             self.adam.lr = 0.0
 
 
@@ -109,7 +107,7 @@ class Random:
     def __init__(self, state_dim, n_actions, config, rng):
         self.config, self.n_actions = config.resolved(), n_actions
         self.rng, self.evaluation_rng = rng, copy.deepcopy(rng)
-        self.steps = 0
+        self.steps, self.learning_starts = 0, config.learning_starts
 
     def act(self, s, greedy=False):
         rng = self.evaluation_rng if greedy else self.rng
@@ -122,7 +120,7 @@ class Random:
         """No TD error: a random policy has no Q."""
         return np.empty(0)
 
-    def on_drift(self, event):
+    def on_drift(self, event, fresh=0):
         """Nothing changes."""
 
     def end_episode(self, total, td_error):

@@ -1,7 +1,6 @@
-"""One-step Q-learning in plain functions: the target, the loss and its gradient, and how a Q-value
-becomes an action.
+"""One-step Q-learning in plain functions: target, loss, gradient, and the choice of an action.
 
-Everything per sample has shape (B,): a (B, 1) among them would broadcast to (B, B) and silently
+Everything per sample has shape (B,). A (B, 1) among them would broadcast to (B, B) and silently
 cancel the weights.
 """
 
@@ -11,8 +10,8 @@ import numpy as np
 def td_target(r, terminated, q_next, gamma):
     """y = r + γ (1 − terminated) max_a' Q̄(s', a')  (Eq. 4), shapes (B,), (B,), (B, A) → (B,).
 
-    The paper leaves out (1 − terminated), which counts the value of a state that is never left
-    (D1). A time limit is not a termination: a truncated transition still bootstraps.
+    The paper omits (1 − terminated), and so counts the value of a state that is never left (D1).
+    A time limit is not a termination: a truncated transition still bootstraps.
 
     >>> r, terminated = np.array([-1.0, -1.0]), np.array([True, False])
     >>> td_target(r, terminated, np.array([[-50.0, -60.0], [-50.0, -60.0]]), 0.99)
@@ -27,18 +26,16 @@ def td_target(r, terminated, q_next, gamma):
 
 
 def weighted_loss(error, weight):
-    """L = 1/B Σ ½ w_i e_i²  (Eq. 3 with e = y − Q, as a mean over the batch: D2), shapes (B,), (B,)
-    → scalar.
-    """
+    """L = 1/B Σ ½ w_i e_i²  (Eq. 3 with e = y − Q, as a mean over the batch: D2), from two (B,)."""
     assert error.shape == weight.shape, (error.shape, weight.shape)
     return 0.5 * np.mean(weight * error**2)
 
 
 def loss_gradient(error, weight, a, n_actions):
-    """∂L/∂q (…, B, A) of weighted_loss when e_i = y_i − q_{i, a_i}: −w_i e_i / B at the action
-    taken, 0 elsewhere.
+    """∂L/∂q (…, B, A) of weighted_loss: −w_i e_i / B at the action taken, 0 elsewhere.
 
-    a has shape (B,), error and weight (…, B): members of a stack may err and weigh differently.
+    e_i = y_i − q_{i, a_i}. a has shape (B,), error and weight (…, B): each member of a stack has
+    its own errors and weights.
 
     >>> loss_gradient(np.array([2.0, -1.0]), np.array([0.5, 1.0]), np.array([1, 0]), 2).tolist()
     [[0.0, -0.5], [0.5, 0.0]]
@@ -75,9 +72,7 @@ def epsilon_schedule(step, start, end, decay_steps):
 
 
 def epsilon_greedy(q, epsilon, rng):
-    """With probability ε any action, all equally likely, else the first of the best: q (A,) →
-    action.
-    """
+    """A uniformly random action with probability ε, else the first of the best: q (A,) → action."""
     if rng.random() < epsilon:
         return int(rng.integers(len(q)))
     return int(q.argmax())

@@ -1,20 +1,21 @@
-"""Gradient boosting of a Q-function (Eqs. 1–9): the additive ensemble Q_m = Σ α_j h_j and the step
-size α_m.
+"""Gradient boosting of a Q-function (Eqs. 1–9): the ensemble Q_m = Σ α_j h_j and its step α_m.
 
-Letters: h a booster (one network) or its predictions, α its weight, r_i its target, the Bellman
-residual y_i − Q_{m−1}(s_i, a_i) of Eq. 4; m boosters, θ (m, P) their parameters as one stack.
+Letters: h a booster (one network) or its predictions, α its weight, r_i its target, which is the
+Bellman residual y_i − Q_{m−1}(s_i, a_i) of Eq. 4; m boosters, θ (m, P) their stacked parameters.
 """
 
 import numpy as np
 
+LARGEST, LARGEST_32 = (float(np.finfo(kind).max) for kind in (np.float64, np.float32))
+
 
 def closed_form_alpha(residual, h, weights=None):
-    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), which minimises Σ w_i (r_i − α h_i)² (Eq. 7),
-    shapes (n,).
+    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), the minimum of Σ w_i (r_i − α h_i)² (Eq. 7).
 
-    The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as the paper prints it;
-    only with the weights of the training loss does it minimise that loss (D7). Where h = 0 on the
-    whole sample every α is optimal and the formula reads 0/0: the answer is 0, which adds nothing.
+    All shapes are (n,). The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as
+    the paper prints it; α minimises the training loss only with that loss's weights (D7). If h = 0
+    on the whole sample, every α is optimal and the formula reads 0/0: the answer is 0, which adds
+    nothing. An α that no float can hold becomes the largest float.
 
     >>> closed_form_alpha(np.array([2.0, -1.0]), np.array([1.0, 1.0]))
     0.5
@@ -27,46 +28,71 @@ def closed_form_alpha(residual, h, weights=None):
     scale = np.abs(h).max(initial=0.0) or 1.0  # h² of a tiny h would underflow to 0
     unit = h / scale
     A, B = np.vecdot(weights * residual, unit), np.vecdot(weights * unit, unit)
-    return float(A / B / scale) if B != 0 else 0.0
+    alpha = float(A / B) / float(scale) if B != 0 else 0.0
+    return min(max(alpha, -LARGEST), LARGEST)
 
 
 class Ensemble:
     """Q_m(s, a) = Σ_{j≤m} α_j h_j(s, a) = Q_{m−1}(s, a) + α_m h_m(s, a)  (Eq. 1).
 
-    All m boosters are frozen: add() is the only change there is. The empty ensemble is the zero
-    function.
+    All m boosters are frozen; the empty ensemble is the zero function. A stage is what Q was when a
+    booster was frozen, a row of weights:
+
+        | α₁        |     Q_1 = α₁ h₁
+        | α₁ α₂     |     Q_2 = α₁ h₁ + α₂ h₂
+        | α₁ 0  α₃  |     Q_3 = α₁ h₁ + α₃ h₃, after use(0)
     """
 
     def __init__(self, net):
         self.net = net
         self.theta = np.empty((0, net.size), np.float32)  # (m, P)
         self.alpha = np.empty(0, np.float32)  # (m,)
+        self.weight = np.empty(0, np.float32)  # (m,) of each booster in the sum in use
+        self.rows = np.empty(0, np.float32)  # the stages' weights, laid end to end
 
     def __len__(self):
         return len(self.alpha)
 
-    def add(self, theta, alpha):
-        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze a copy of θ (P,) as the newest booster."""
+    def add(self, theta, alpha, carried=0.0):
+        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze a copy of θ (P,) as the newest booster.
+
+        A learner that goes on from θ takes over `carried` of α_m; the sum in use has the rest.
+        FloatingPointError if α is beyond float32.
+        """
+        if not abs(alpha) <= LARGEST_32:
+            raise FloatingPointError(f"float32 cannot hold this step size of a booster: {alpha}")
         self.theta = np.concatenate([self.theta, theta[None]])
         self.alpha = np.append(self.alpha, np.float32(alpha))
+        self.rows = np.concatenate([self.rows, self.weight, self.alpha[-1:]])
+        self.use(len(self) - 1, carried)
+
+    def use(self, k, carried=0.0):
+        """Answer with stage k, less `carried` of its last booster."""
+        self.weight = self.stages()[k]
+        self.weight[k] -= np.float32(carried)
+
+    def stages(self):
+        """The weights (m, m) of the boosters in Q_1, …, Q_m."""
+        weights = np.zeros((len(self), len(self)), np.float32)
+        weights[np.tril_indices(len(self))] = self.rows
+        return weights
+
+    def boosters(self, x):
+        """h_j(x) of every booster: x (…, d) → (m, …, A)."""
+        h, _ = self.net.forward(self.theta, x.reshape(-1, x.shape[-1]))  # (m, B, A)
+        return h.reshape(len(self), *x.shape[:-1], self.net.widths[-1])
 
     def terms(self, x):
-        """α_j h_j(x) of every booster: x (…, d) → (m, …, A)."""
-        h, _ = self.net.forward(self.theta, x.reshape(-1, x.shape[-1]))  # (m, B, A)
-        return (self.alpha[:, None, None] * h).reshape(
-            len(self), *x.shape[:-1], self.net.widths[-1]
-        )
+        """w_j h_j(x) of every booster in the sum in use: x (…, d) → (m, …, A)."""
+        h = self.boosters(x)
+        return self.weight.reshape(-1, *[1] * (h.ndim - 1)) * h
 
     def q(self, x):
         """Q_m(x), (…, d) → (…, A)."""
-        return (
-            self.terms(x).sum(0)
-            if len(self)
-            else np.zeros((*x.shape[:-1], self.net.widths[-1]), np.float32)
-        )
+        if not len(self):
+            return np.zeros((*x.shape[:-1], self.net.widths[-1]), np.float32)
+        return self.terms(x).sum(0)
 
     def staged_q(self, x):
-        """Q_1(x), …, Q_m(x), (…, d) → (m, …, A): how the ensemble's answer grew, booster by
-        booster.
-        """
-        return self.terms(x).cumsum(0)
+        """Q_1(x), …, Q_m(x), (…, d) → (m, …, A): what Q was as each booster was frozen."""
+        return np.tensordot(self.stages(), self.boosters(x), 1)

@@ -21,6 +21,8 @@ from .files import write_atomically
 FORMAT = 1
 REBUILT = {"config", "net", "memo"}  # a new agent has these already, or makes them when needed
 
+GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis does
+
 DAMAGED = (
     ValueError,
     LookupError,
@@ -125,6 +127,6 @@ def _outline(arrays):
     """
     outline = {}
     for name, array in sorted(arrays.items()):
-        shape = array.shape[1:] if name.startswith("ensemble.") else array.shape
+        shape = array.shape[1:] if name.startswith(GROWS) else array.shape
         outline[name] = array.dtype.kind, shape
     return outline

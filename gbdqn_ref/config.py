@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 from reprlib import repr as short
 from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
@@ -13,56 +13,70 @@ import numpy as np
 
 from . import UsageError
 from .agents import AGENTS, OWN
+from .detect import SIGNALS as DETECTED
 from .presets import PRESETS
-from .schedule import FACTORS, Regime, check_environment, regimes
+from .schedule import FACTORS, Regime, check_environment, is_count, regimes
 
 
 class Rule(NamedTuple):
-    """What a setting may be: in words, as a test, and a value that breaks it."""
+    """What a setting may be: in words, as a test, and values just beyond what it allows."""
 
     words: str
     holds: Callable[[Any], bool]
-    breaks: object
+    breaks: tuple = ()
 
 
 def whole(low: int, high: int) -> Rule:
     """The rule of whole numbers from low to high."""
-    return Rule(f"a whole number from {low:,} to {high:,}", lambda n: low <= n <= high, low - 1)
+    words = f"a whole number from {low:,} to {high:,}"
+    return Rule(words, lambda n: low <= n <= high, (low - 1, high + 1))
 
 
 def one_of(*choices: str | None) -> Rule:
     """The rule of words, of which None is written null."""
     words = ", ".join(choice or "null" for choice in choices)
-    return Rule(f"one of {words}", lambda word: word in choices, "xyzzy")
+    return Rule(f"one of {words}", lambda word: word in choices, ("xyzzy", ""))
 
 
 def own_or(rule: Rule) -> Rule:
     """The same rule, for a setting that is the agent's own while it is None."""
-    return Rule(
-        f"{rule.words}, or null for the agent's own",
-        lambda value: value is None or rule.holds(value),
-        rule.breaks,
-    )
+    words = f"{rule.words}, or null for the agent's own"
+    return Rule(words, lambda value: value is None or rule.holds(value), rule.breaks)
 
 
+SIGNALS = ("schedule", *DETECTED)
 COUNT = whole(1, 10_000_000)
-FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, 1.01)
-POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, 0.0)
-NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, -0.01)
-DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, 1.0)
-PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, 0.0)
-YES_OR_NO = Rule("true or false", lambda _: True, "yes")
-SCHEDULE = Rule('a list of entries like {"episode": 9, "gravity": 1.5}', lambda _: True, "gravity")
+FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, (-0.01, 1.01, inf))
+POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, (0.0, -1e-9, inf))
+NORM = Rule("a positive number up to 1e6", lambda x: 0 < x <= 1e6, (0.0, -1e-9, 1.1e6, inf))
+NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, (-1e-9, inf))
+DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, (1.0, -0.1, inf))
+PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, (0.0, 1.01))
+YES_OR_NO = Rule("true or false", lambda _: True)
 WIDTHS = Rule(
     "a list of widths from 1 to 4096, like [128, 128]",
     lambda widths: all(type(width) is int and 1 <= width <= 4096 for width in widths),
-    (0,),
+    ([0], [-3], [1.5], ["8"], [True], [8, None], [4097], [[8]]),
 )
 STEP_SIZE = Rule(
-    'a positive finite number or "closed-form"',
-    lambda a: a == "closed-form" if isinstance(a, str) else isfinite(a) and a > 0,
-    0.0,
+    'a positive number up to 1e6 or "closed-form"',
+    lambda a: a == "closed-form" if isinstance(a, str) else 0 < a <= 1e6,
+    (0.0, -1e-9, 1.1e6, inf, "closed"),
 )
+SIGNAL = Rule(
+    '"schedule", "return", "td_error" or a list of increasing episodes',
+    lambda signal: _increasing(signal) if isinstance(signal, list) else signal in SIGNALS,
+    ("drift", [3, 3], [-1], [1.5], [True]),
+)
+SCHEDULE = Rule(
+    'a list of entries like {"episode": 9, "gravity": 1.5}',
+    lambda _: True,  # regimes() looks at the entries
+    ([5], [{"episode": 1}], [{"episode": 1, "gravity": 0}]),
+)
+
+
+def _increasing(episodes: list) -> bool:
+    return all(is_count(each) for each in episodes) and episodes == sorted(set(episodes))
 
 
 @dataclass(frozen=True)
@@ -97,7 +111,7 @@ class Config:
     """Widths of the hidden layers; [] is a linear network, hence a table on one-hot states."""
     lr: Annotated[float, POSITIVE] = 1e-3
     """Adam's step size."""
-    max_grad_norm: Annotated[float, POSITIVE] = 10.0
+    max_grad_norm: Annotated[float, NORM] = 10.0
     """Longer gradients are scaled down to this norm."""
     batch_size: Annotated[int, COUNT] = 64
     """Transitions per update."""
@@ -140,12 +154,27 @@ class Config:
 
     target: Annotated[str, one_of("live", "frozen")] = "live"
     """GB-DQN acts and bootstraps with the learner in training, or without it (D6)."""
-    alpha: Annotated[float | str, STEP_SIZE] = 0.1
+    alpha: Annotated[float | str | None, own_or(STEP_SIZE)] = None
     """GB-DQN's α_m of boosters 2, 3, …: η_boost of the experiments (D15), or by Eq. 8."""
     loss_on: Annotated[str, one_of("alpha_h", "h")] = "alpha_h"
     """GB-DQN fits α h to the residual (Eq. 5), or h (Algorithm 1, line 19) (D6)."""
-    zero_output: Annotated[bool, YES_OR_NO] = True
+    zero_output: Annotated[bool | None, own_or(YES_OR_NO)] = None
     """GB-DQN's new boosters start as the zero function, so adding one changes no action (D11)."""
+    warm_start: Annotated[bool | None, own_or(YES_OR_NO)] = None
+    """GB-DQN's new boosters start from the last learner's parameters."""
+
+    keep_data: Annotated[float | None, own_or(FRACTION)] = None
+    """Part of the older data that is kept at an event, its newest."""
+    keep_adam: Annotated[bool | None, own_or(YES_OR_NO)] = None
+    """Adam's moments are kept at an event; a fresh network has fresh ones."""
+    lr_factor: Annotated[float, POSITIVE] = 1.0
+    """From the first event on Adam's step size is lr times this."""
+    epsilon_restart: Annotated[float, FRACTION] = 0.0
+    """ε is raised to this at an event and falls as at the start; 0 leaves it alone."""
+    drift_signal: Annotated[str | list | None, own_or(SIGNAL)] = None
+    """What tells of a drift: the schedule, falling returns, rising |δ|, or a list of episodes."""
+    alarm_level: Annotated[float, POSITIVE] = 5.0
+    """S of the CUSUM chart at which an agent that looks for drifts raises an alarm."""
 
     members: Annotated[int, whole(1, 100)] = 5
     """Networks of Ensemble-DQN (D19)."""
@@ -237,7 +266,7 @@ def _plain(value: Any, kinds: tuple[type, ...]) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if float in kinds and type(value) is int:
-        return float(value) if abs(value) < 1e300 else np.inf
+        return float(value) if abs(value) < 1e300 else inf
     return value
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from . import bellman
+from . import bellman, detect
 from .nn import MLP
 from .optim import Adam, clip_by_norm, polyak
 from .replay import ProportionalReplay, RecencyReplay, UniformReplay
@@ -23,7 +23,9 @@ class DQN:
         self.theta_target = self.theta.copy()
         self.adam = Adam(self.net.size, config.lr)
         self.replay = make_replay(config, state_dim)
-        self.steps = 0
+        self.steps, self.episode_start, self.learning_starts = 0, 0, config.learning_starts
+        self.explored_from, self.explore = 0, config.epsilon_start  # ε falls from here, from this
+        self.chart, self.alarms = detect.Chart(config.alarm_level), np.empty(0, int)
 
     def q(self, s):
         """Q(s, ·): (…, d) → (…, A)."""
@@ -35,9 +37,8 @@ class DQN:
         c = self.config
         if c.behaviour == "softmax":
             return 0.0
-        return bellman.epsilon_schedule(
-            self.steps, c.epsilon_start, c.epsilon_end, c.epsilon_decay_steps
-        )
+        steps = self.steps - self.explored_from
+        return bellman.epsilon_schedule(steps, self.explore, c.epsilon_end, c.epsilon_decay_steps)
 
     def act(self, s, greedy=False):
         """An action for the state s (d,): by the behaviour policy, or the greedy one."""
@@ -67,16 +68,42 @@ class DQN:
         self.replay.update_priorities(batch.index, delta)
         return delta
 
-    def on_drift(self, event):
-        """The physics changed ("drift"), or are the stock ones again ("reset"); DQN learns on."""
+    def on_drift(self, event, fresh=0):
+        """The physics changed `fresh` transitions ago ("drift") or are the stock ones ("reset").
+
+        What is kept then is a matter of settings; by default DQN keeps everything and learns on.
+        """
         if event not in ("drift", "reset"):
             raise ValueError(f"an event is 'drift' or 'reset', not {event!r}")
+        c = self.config
+        if not c.keep_adam:
+            self.adam = Adam(self.theta.shape, c.lr)
+        self.adam.lr = c.lr * c.lr_factor
+        self._drop_data(fresh)
+        if c.epsilon_restart:
+            self.explored_from, self.explore = self.steps, max(self.epsilon, c.epsilon_restart)
+
+    def _drop_data(self, fresh):
+        """Keep the part keep_data of the older data, its newest; learn on once there is a batch."""
+        c, old = self.config, len(self.replay) - fresh
+        if c.keep_data < 1:
+            self.replay.keep(fresh + int(c.keep_data * old))
+            wait = c.batch_size - len(self.replay)
+            self.learning_starts = max(self.learning_starts, self.steps + wait)
 
     def end_episode(self, total, td_error):
         """An episode ended, by a terminal state or a time limit, with this return and mean |δ|.
 
-        DQN does nothing with it. Where there was no update, td_error is nan.
+        An agent that is told of no drift looks for one itself. Where there was no update, td_error
+        is nan.
         """
+        start, self.episode_start = self.episode_start, self.steps
+        if self.config.drift_signal in detect.SIGNALS:
+            x = detect.symptom(self.config.drift_signal, total, td_error)
+            change = None if x is None else self.chart.update(x, start)
+            if change is not None:
+                self.alarms = np.append(self.alarms, self.steps)
+                self.on_drift("drift", self.steps - change)
 
     def finish(self):
         """The agent as it is judged and saved when training ends; self may go on training."""

@@ -39,6 +39,11 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         super().__init__(env)
         self.episode, self.regime = -1, 0
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy has its regime's physics: Gymnasium builds MuJoCo's part of it anew, as stock."""
+        self.__dict__.update(state)
+        self._set(self.env.unwrapped, **self.regimes[self.regime].factors)
+
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple:
         options = dict(options or {})
         episode = options.pop("episode", self.episode + 1)

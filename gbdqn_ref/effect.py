@@ -9,10 +9,9 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 from tqdm import tqdm
 
-from . import drift, runs, study
+from . import drift, runs, stats, study
 from .config import Config
 from .schedule import describe, stock
 from .train import evaluate, make_agent
@@ -54,7 +53,6 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
 def _levels(env, policies, episodes):
     returns = [evaluate(policy, env, episodes, seed=0) for policy in policies]
     random, frozen, trained = (float(x.mean()) for x in returns)
-    error = float(np.std(returns[2], ddof=1) / np.sqrt(episodes))
-    learnable = trained - random > 2 * error
-    lost = (trained - frozen) / (trained - random) if learnable else None
+    gain = stats.gain(returns[2], random)
+    lost = None if gain is None else (trained - frozen) / gain
     return {"random": random, "frozen": frozen, "trained": trained, "lost": lost}

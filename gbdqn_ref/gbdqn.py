@@ -88,12 +88,12 @@ class GBDQN(DQN):
         self.replay.update_priorities(batch.index, delta)
         return delta
 
-    def on_drift(self, event):
+    def on_drift(self, event, fresh=0):
         """Add a booster at a drift, none at a reset."""
-        super().on_drift(event)
         if event == "drift":
-            self.fold_in()
+            self.fold_in(self._carried())
             self._new_booster()
+        super().on_drift(event, fresh)
 
     def finish(self):
         """The agent with its last learner folded in where it does not count yet (Alg. 1, end)."""
@@ -103,23 +103,23 @@ class GBDQN(DQN):
         finished.fold_in()
         return finished
 
-    def fold_in(self):
-        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m, and add its predictions to the cached ones
-        in one pass.
+    def fold_in(self, carried=0.0):
+        """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m and add it to the cached predictions, once.
+
+        `carried` is the part of α_m that a learner takes over which goes on from θ.
         """
-        n, replay = len(self.replay), self.replay
-        h = self._predict(replay.s[:n])[np.arange(n), replay.a[:n]]  # (n,)
-        h_next = self._predict(replay.s2[:n])  # (n, A)
-        if self.config.alpha == "closed-form" and len(self.ensemble):
-            q_next = self.q_frozen_next[:n] + h_next if self.live else self.q_frozen_next[:n]
-            y = bellman.td_target(replay.r[:n], replay.terminated[:n], q_next, self.config.gamma)
-            weights = (n * replay.probabilities()) ** (
-                1 - self.config.is_exponent
-            )  # P · w: drawn by P, weighted by w
-            self.alpha = closed_form_alpha(y - self.q_frozen[:n], h, weights)
-        self.q_frozen[:n] += self.alpha * h
-        self.q_frozen_next[:n] += self.alpha * h_next
-        self.ensemble.add(self.theta, self.alpha)
+        c, replay, slots = self.config, self.replay, self.replay.slots()
+        h = self._predict(replay.s[slots])[np.arange(len(slots)), replay.a[slots]]  # (n,)
+        h_next = self._predict(replay.s2[slots])  # (n, A)
+        if len(slots) and c.alpha == "closed-form" and len(self.ensemble):
+            q_next = self.q_frozen_next[slots] + (h_next if self.live else 0)
+            y = bellman.td_target(replay.r[slots], replay.terminated[slots], q_next, c.gamma)
+            # P · w: drawn by P, weighted by w
+            weights = (len(slots) * replay.probabilities()) ** (1 - c.is_exponent)
+            self.alpha = closed_form_alpha(y - self.q_frozen[slots], h, weights)
+        self.ensemble.add(self.theta, self.alpha, carried)
+        self.q_frozen[slots] += (self.alpha - carried) * h
+        self.q_frozen_next[slots] += (self.alpha - carried) * h_next
         self.memo = np.empty(0), np.empty(0)
 
     def _predict(self, x, rows=1024):
@@ -130,9 +130,22 @@ class GBDQN(DQN):
         return np.concatenate(pieces)
 
     def _new_booster(self):
-        """Start h_{m+1} with a fresh network and a fresh Adam."""
+        """Start h_{m+1}: a fresh network, or the last learner's again (warm_start)."""
         c = self.config
-        self.theta = self.net.init(self.rng, zero_output=c.zero_output)
-        self.theta_target = self.theta.copy()
-        self.adam = Adam(self.net.size, c.lr)
-        self.alpha = 1.0 if c.alpha == "closed-form" else c.alpha
+        if not c.warm_start:
+            self.theta = self.net.init(self.rng)
+        if c.zero_output:
+            self.net.layers(self.theta)[-1][...] = 0
+        if not c.warm_start or c.zero_output:
+            self.theta_target = self.theta.copy()
+        if not (c.warm_start and c.keep_adam):
+            self.adam = Adam(self.net.size, c.lr * c.lr_factor)
+        self.alpha = self._next_alpha()
+
+    def _next_alpha(self):
+        return 1.0 if self.config.alpha == "closed-form" else self.config.alpha
+
+    def _carried(self):
+        """The part of α_m that the next learner takes over: all it has if it starts as h_m."""
+        c = self.config
+        return self._next_alpha() if c.warm_start and not c.zero_output else 0.0

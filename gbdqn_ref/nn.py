@@ -2,8 +2,8 @@
 
     θ (P,):  | W₁ b₁ | W₂ b₂ | … | W_L b_L |   each block (n_in + 1, n_out), its last row the bias
 
-A bias is the weight of an input that is always 1. So a layer is one matrix product forward, and the
-gradients of its weights and its bias are one matrix product backward. Since θ is flat, Adam,
+A bias is the weight of an input that is always 1. So a layer is one matrix product forward, and
+the gradients of its weights and bias are one matrix product backward. Because θ is flat, Adam,
 clipping, Polyak averaging, freezing and saving are each a line on one array. Leading axes
 broadcast: a stack θ (K, P) is K networks that answer at once.
 
@@ -17,8 +17,9 @@ import numpy as np
 
 
 class MLP:
-    """Fully connected network, ReLU inside and a linear output: h_{l+1} = [max(0, h_l V_l), 1], q =
-    h_L V_L.
+    """Fully connected network with ReLU inside and a linear output.
+
+    h_{l+1} = [max(0, h_l V_l), 1],  q = h_L V_L
 
     >>> net = MLP((2, 3, 1))
     >>> net.size                                                      # (2 + 1) · 3 + (3 + 1) · 1
@@ -37,17 +38,16 @@ class MLP:
             )
         shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
         ends = [0, *accumulate(rows * columns for rows, columns in shapes)]
-        self.blocks = [
+        self.blocks = [  # where V_l lies in θ, and its shape
             (slice(*span), shape) for span, shape in zip(pairwise(ends), shapes, strict=True)
-        ]  # V_l in θ
+        ]
         self.size = ends[-1]
 
     def init(self, rng, k=None, zero_output=False):
-        """Random parameters θ (P,), or k independent ones (k, P): weights and biases from
-        U(±1/√n_in), float32.
+        """Random parameters θ (P,), or k independent ones (k, P), from U(±1/√n_in), in float32.
 
-        zero_output makes the last layer 0, hence the network the zero function (but its gradient is
-        not zero).
+        zero_output sets the last layer to 0. The network is then the zero function, but its
+        gradient is not zero.
         """
         theta = np.empty(self.size if k is None else (k, self.size), np.float32)
         for V, n_in in zip(self.layers(theta), self.widths, strict=False):
@@ -62,13 +62,11 @@ class MLP:
         return [theta[..., span].reshape(lead + shape) for span, shape in self.blocks]
 
     def unpack(self, theta):
-        """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views: writing to them writes to
-        θ.
-        """
+        """[(W (…, n_in, n_out), b (…, n_out)), …] of θ (…, P), as views into θ."""
         return [(V[..., :-1, :], V[..., -1, :]) for V in self.layers(theta)]
 
     def forward(self, theta, x):
-        """q (…, B, A) for x (…, B, d), and the activations of every layer, which backward needs.
+        """q (…, B, A) for x (…, B, d), and the activations of every layer for backward().
 
         The leading axes of θ (…, P) and of x broadcast; the arithmetic has θ's precision.
         """
@@ -79,17 +77,16 @@ class MLP:
         for V in hidden:
             z = h @ V  # (…, B, n_out)
             h = _with_ones(z.shape, theta.dtype)
-            np.maximum(
-                z, np.zeros(z.shape[-1], z.dtype), out=h[..., :-1]
-            )  # half the time that a scalar 0 takes
+            # an array of zeros takes half the time of a scalar 0
+            np.maximum(z, np.zeros(z.shape[-1], z.dtype), out=h[..., :-1])
             cache.append(h)
         return h @ last, cache
 
     def backward(self, theta, cache, dq):
-        """∂L/∂θ, shaped like θ, from ∂L/∂q (…, B, A): ∂L/∂V_l = h_lᵀ dz_l, dz_{l−1} = (dz_l W_lᵀ) ·
-        1{h_l > 0}.
+        """∂L/∂θ, shaped like θ, from ∂L/∂q (…, B, A).
 
-        Pure: nothing accumulates, twice the same call gives twice the same result.
+        ∂L/∂V_l = h_lᵀ dz_l,  dz_{l−1} = (dz_l W_lᵀ) · 1{h_l > 0}. Nothing accumulates: the same
+        call gives the same result.
         """
         grad, dz = np.empty_like(theta), dq
         layers = zip(cache, self.layers(theta), self.layers(grad), strict=True)
@@ -102,9 +99,7 @@ class MLP:
 
 
 def _with_ones(shape, dtype):
-    """An uninitialised array of this shape with a last column of ones added: (…, n) becomes (…, n +
-    1).
-    """
+    """An uninitialised array with a last column of ones: shape (…, n) becomes (…, n + 1)."""
     h = np.empty((*shape[:-1], shape[-1] + 1), dtype)
     h[..., -1] = 1
     return h

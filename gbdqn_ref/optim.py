@@ -1,18 +1,16 @@
-"""Adam, gradient clipping and Polyak averaging, each a line or two on a flat θ (P,) or a stack of
-them (K, P).
-"""
+"""Adam, gradient clipping and Polyak averaging, on a flat θ (P,) or a stack of them (K, P)."""
 
 import numpy as np
 
-# below this Adam's moments count as 0: on their way there they would become denormal, which is slow
+# Adam's moments below this are set to 0: they would become denormal numbers, which are slow
 TINY = 1e-30
 
 
 class Adam:
-    """Adam (Kingma & Ba 2015, Algorithm 1): θ ← θ − lr · m̂ / (√v̂ + eps), with m̂ = m/(1 − β₁ᵗ),
-    v̂ = v/(1 − β₂ᵗ).
+    """Adam (Kingma & Ba 2015, Algorithm 1): θ ← θ − lr · m̂ / (√v̂ + eps).
 
-    The first step moves every coordinate by lr against the sign of its gradient:
+    m̂ = m/(1 − β₁ᵗ), v̂ = v/(1 − β₂ᵗ), with m and v the running means of g and g². The first step
+    moves every coordinate by lr against the sign of its gradient:
 
     >>> theta = np.zeros(3)
     >>> Adam(3, lr=0.1).step(theta, np.array([5.0, -0.01, 2.0]))
@@ -26,8 +24,9 @@ class Adam:
         self.t = 0
 
     def step(self, theta, grad):
-        """Update θ in place; θ and grad have the shape given as size. The moments take on θ's
-        precision.
+        """Update θ in place; θ and grad have the shape `size`.
+
+        The moments take θ's precision.
         """
         beta1, beta2 = self.betas
         self.m, self.v = (moment.astype(theta.dtype, copy=False) for moment in (self.m, self.v))
@@ -44,19 +43,19 @@ class Adam:
 
 
 def clip_by_norm(grad, max_norm):
-    """grad · min(1, max_norm / ‖grad‖₂), the norm over the last axis: members of a stack are
-    clipped independently.
+    """grad · min(1, max_norm / ‖grad‖₂), for each member of a stack by itself.
 
     >>> clip_by_norm(np.array([[3.0, 4.0], [0.3, 0.4]]), 1.0).tolist()
     [[0.6000000000000001, 0.8], [0.3, 0.4]]
     """
     norm = np.sqrt(np.vecdot(grad, grad))[..., None]
+    if norm.max() == np.inf:  # squares overflow before the gradient does: scale these rows down
+        scale = np.where(norm == np.inf, np.abs(grad).max(-1, keepdims=True), 1)
+        return clip_by_norm(grad / scale, max_norm / scale) * scale
     return grad * (max_norm / np.maximum(norm, max_norm))
 
 
 def polyak(theta_target, theta, tau):
-    """θ̄ ← (1 − τ) θ̄ + τ θ, in place (section "Ensemble Target Networks"); τ = 1 copies, τ = 0
-    does nothing.
-    """
+    """θ̄ ← (1 − τ) θ̄ + τ θ, in place (section "Ensemble Target Networks")."""
     theta_target *= 1 - tau
     theta_target += tau * theta

@@ -1,37 +1,41 @@
-"""What drifts: one setter per environment, which knows the quantities that depend on the one that
-is changed.
+"""What drifts: one setter per environment changes its constants and all that depends on them.
 
-Every argument of a setter is a factor on the stock constant: 1 is the stock environment, and
-calling a setter without arguments restores it. A setter writes all that it governs, from the stock
-constants, so no call builds on an earlier one. It takes the unwrapped environment (an attribute set
-on a wrapper has no effect) and writes to the instance.
+Every argument of a setter is a factor on the stock constant. 1 is the stock value, so a setter
+without arguments restores the stock environment. A setter writes every constant it governs, always
+from the stock value, so no call builds on an earlier one. It takes the unwrapped environment (an
+attribute set on a wrapper has no effect) and writes to the instance, never to the class.
 """
 
 from functools import cache
-from math import cos, pi, sin
+from math import copysign, cos, fmod, pi, sin
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import RecordConstructorArgs
+
+from . import UsageError
 
 CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, only read
 
 
 class Acrobot(AcrobotEnv):
-    """Acrobot-v1 with a gravity that can change (the stock class has 9.8 in the middle of a
-    function).
+    """Acrobot-v1 with a gravity that can change; the stock class hard-codes 9.8 in a function.
 
-    The equations of motion are the stock ones (Sutton & Barto's book version), integrated by the
-    same fourth-order Runge-Kutta step on plain floats, which takes a fraction of the time. It
-    equals the stock class to 1e-12 per step, and to the bit where numpy.cos is the C library's
-    cosine, as it is in common builds.
+    The equations of motion and the fourth-order Runge-Kutta step are the stock ones. Plain floats
+    take a fraction of the time. A step equals the stock step to 1e-12, and to the bit where
+    numpy.cos is the C library's cosine, as it is in common builds.
     """
 
     gravity = 9.8  # m/s²
 
     def step(self, a):
-        torque, dt = self.AVAIL_TORQUE[a], self.dt
+        if self.state is None:
+            raise ResetNeeded("call reset() before step()")
+        torque, dt = _chosen(self.AVAIL_TORQUE, a), self.dt
+        if self.torque_noise_max > 0:
+            torque += self.np_random.uniform(-self.torque_noise_max, self.torque_noise_max)
         y = tuple(map(float, self.state))
         k1 = self._derivative(*y, torque)
         k2 = self._derivative(*(yi + dt / 2 * ki for yi, ki in zip(y, k1, strict=True)), torque)
@@ -42,8 +46,8 @@ class Acrobot(AcrobotEnv):
             for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
         )
         self.state = (
-            _wrap(theta1),
-            _wrap(theta2),
+            wrap(theta1),
+            wrap(theta2),
             min(max(speed1, -self.MAX_VEL_1), self.MAX_VEL_1),
             min(max(speed2, -self.MAX_VEL_2), self.MAX_VEL_2),
         )
@@ -53,9 +57,7 @@ class Acrobot(AcrobotEnv):
         return self._get_ob(), 0.0 if terminated else -1.0, terminated, False, {}
 
     def _derivative(self, theta1, theta2, speed1, speed2, torque):
-        """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque in N m on the second
-        joint.
-        """
+        """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque on joint 2 in N m."""
         m1, m2, l1, lc1, lc2 = (
             self.LINK_MASS_1,
             self.LINK_MASS_2,
@@ -73,9 +75,8 @@ class Acrobot(AcrobotEnv):
             + (m1 * lc1 + m2 * l1) * g * cos(theta1 - pi / 2)
             + phi2
         )
-        acceleration2 = (torque + d2 / d1 * phi1 - m2 * l1 * lc2 * speed1**2 * sin2 - phi2) / (
-            m2 * lc2**2 + moi - d2**2 / d1
-        )
+        swing = 0.0 if self.book_or_nips == "nips" else m2 * l1 * lc2 * speed1**2 * sin2
+        acceleration2 = (torque + d2 / d1 * phi1 - swing - phi2) / (m2 * lc2**2 + moi - d2**2 / d1)
         return speed1, speed2, -(d2 * acceleration2 + phi1) / d1, acceleration2
 
     def _get_ob(self):
@@ -88,13 +89,22 @@ class Acrobot(AcrobotEnv):
         return -cos(self.state[0]) - cos(self.state[1] + self.state[0]) > 1
 
 
-def _wrap(angle):
-    """The same angle in [−π, π]."""
-    while angle > pi:
-        angle -= 2 * pi
-    while angle < -pi:
-        angle += 2 * pi
-    return angle
+def wrap(angle):
+    """The same angle in [−π, π], at once however many turns it has."""
+    if -pi <= angle <= pi:
+        return angle
+    # exact: a few turns taken off one by one leave the same bits, but 1e17 − 2π is 1e17
+    rest = fmod(angle, 2 * pi)
+    return rest - copysign(2 * pi, rest) if abs(rest) > pi else rest + 0.0  # −2π goes to 0, not −0
+
+
+def _chosen(options, action):
+    """The option that the action stands for; UsageError if there is none."""
+    if action not in range(len(options)):  # options[−1] would be the last one
+        raise UsageError(
+            f"action must be a whole number from 0 to {len(options) - 1}, not {action!r}"
+        )
+    return options[int(action)]
 
 
 gymnasium.register(
@@ -103,11 +113,10 @@ gymnasium.register(
 
 
 class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
-    """Hopper's three motors (thigh, leg, foot) under seven actions; the paper has seven and does
-    not say which (D16).
+    """Seven actions for Hopper's three motors; the paper does not say which seven (D16).
 
-    0: no torque; 1, 2, 3: the full positive torque on the thigh, leg or foot alone; 4, 5, 6: the
-    full negative one.
+    0: no torque. 1, 2, 3: full positive torque on the thigh, leg or foot alone. 4, 5, 6: full
+    negative torque on one of them.
 
     >>> env = gymnasium.make("gbdqn_ref/Hopper-v5")
     >>> [env.action(a).tolist() for a in (0, 3, 4)]
@@ -125,7 +134,7 @@ class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
 
     def action(self, action):
         """The torques (3,) of an action."""
-        return self.TORQUES[action].copy()
+        return _chosen(self.TORQUES, action).copy()
 
 
 gymnasium.register(
@@ -138,8 +147,9 @@ gymnasium.register(
 
 
 def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=1.0):
-    """Gravity, masses of cart and pole, length of the pole, force of a push; total_mass and
-    polemass_length follow.
+    """Gravity, masses of cart and pole, length of the pole, force of a push.
+
+    total_mass and polemass_length follow.
     """
     env.gravity = CARTPOLE.gravity * gravity
     env.masscart = CARTPOLE.masscart * cart_mass
@@ -151,7 +161,7 @@ def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, for
 
 
 def set_mountaincar(env, gravity=1.0, force=1.0):
-    """Gravity and the force of the engine, both in position units per step²."""
+    """Gravity and engine force, both in position units per step²."""
     env.gravity = MOUNTAINCAR.gravity * gravity
     env.force = MOUNTAINCAR.force * force
 
@@ -159,9 +169,9 @@ def set_mountaincar(env, gravity=1.0, force=1.0):
 def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
     """Gravity, mass of both links, length of both links, torque of the motor.
 
-    A moment of inertia is a mass times a squared length, so it scales with mass · length²; the
-    centre of mass stays at the same fraction of a link. The goal, one link's length above the
-    pivot, is a matter of angles and scales along.
+    A moment of inertia is a mass times a squared length, so it scales with mass · length². The
+    centre of mass stays at the same fraction of a link. The goal lies one link length above the
+    pivot. It is stated in angles, so it scales with the links.
     """
     env.gravity = Acrobot.gravity * gravity
     env.LINK_MASS_1, env.LINK_MASS_2 = Acrobot.LINK_MASS_1 * mass, Acrobot.LINK_MASS_2 * mass
@@ -178,34 +188,31 @@ def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
 
 
 def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
-    """Gravity, mass of every body, sliding friction of every surface; what MuJoCo derives from the
-    masses follows.
+    """Gravity, mass of every body, sliding friction of every surface.
 
-    Inertia scales with mass, as it would with density. A contact slides by the larger friction of
-    the two surfaces, so that the floor's alone would change nothing: the foot has twice as much.
+    Inertia scales with mass, as it would with density. What MuJoCo derives from the masses follows.
+    A contact uses the larger friction of its two surfaces. The foot has twice the floor's, so the
+    floor's alone would change nothing.
     """
-    # here, since only Hopper needs it and it takes as long as all other imports together
+    # imported here: only Hopper needs it, and it takes as long as all other imports together
     import mujoco
 
     model, stock = env.model, _stock_hopper(env.fullpath)
-    model.opt.gravity[2] = stock.opt.gravity[2] * gravity  # gravity = … would set all three axes
+    model.opt.gravity[2] = stock.opt.gravity[2] * gravity  # gravity[:] would set all three axes
     model.body_mass[:] = stock.body_mass * mass
     model.body_inertia[:] = stock.body_inertia * mass
     model.geom_friction[:, 0] = stock.geom_friction[:, 0] * friction
-    mujoco.mj_setConst(
-        model, mujoco.MjData(model)
-    )  # on scratch data: it would move the hopper in env.data
-    model.stat.meanmass = (
-        stock.stat.meanmass * mass
-    )  # these two MuJoCo derives when it compiles, and never again;
-    model.stat.meaninertia = (
-        model.dof_M0.mean()
-    )  # the tolerance of the contact solver is relative to this one
+    # on scratch data: with env.data it would move the hopper
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    # MuJoCo derives these two only when it compiles; the contact solver's tolerance is relative to
+    # the second
+    model.stat.meanmass = stock.stat.meanmass * mass
+    model.stat.meaninertia = model.dof_M0.mean()
 
 
 @cache
 def _stock_hopper(path):
-    """A model of its own from the same XML, only read; compiled when first needed."""
+    """The stock model of an XML file, never changed; compiled when first needed."""
     import mujoco
 
     return mujoco.MjModel.from_xml_path(path)

@@ -1,10 +1,13 @@
 """The settings of the experiments, {preset: {environment: settings}}, on the defaults of Config.
 
 GIVEN has what the paper gives. All else is ours: what the paper leaves open (D13), what a laptop
-needs (D14), without which nothing would be learnt (D17), and drifts that cost something (D21).
+needs (D14), without which nothing would be learnt (D17), drifts that cost something (D21), and
+drifts that come back (D22).
 """
 
 from typing import Any
+
+from .schedule import FACTORS
 
 GIVEN: dict[str, dict[str, Any]] = {
     "acrobot": dict(
@@ -22,10 +25,9 @@ GIVEN: dict[str, dict[str, Any]] = {
         epsilon_start=1.0,
         epsilon_end=0.05,
         epsilon_decay_steps=20_000,
-        alpha=0.1,  # η_boost
     ),
-    "mountaincar": dict(episodes=600, gamma=0.99, alpha=0.1),
-    "cartpole": dict(alpha=0.1),  # mentioned in the conclusion, never shown
+    "mountaincar": dict(episodes=600, gamma=0.99),
+    "cartpole": {},  # mentioned in the conclusion, never shown
     "hopper": dict(
         episodes=500,
         gamma=0.99,
@@ -41,7 +43,6 @@ GIVEN: dict[str, dict[str, Any]] = {
         epsilon_start=1.0,
         epsilon_end=0.05,
         epsilon_decay_steps=100_000,
-        alpha=0.1,
     ),
 }
 # In the schedules of `paper` the episodes and what drifts are the paper's, the factors are ours.
@@ -163,13 +164,92 @@ HARD_MOUNTAINCAR: dict[str, Any] = dict(
 )
 HARD = {"acrobot": ACROBOT | HARD_ACROBOT, "mountaincar": MOUNTAINCAR | HARD_MOUNTAINCAR}
 
+
+# Physics that come back: each drift costs at least half of the span and can be learnt.
+def _recurring(factors: dict[str, float], *episodes: int) -> list[dict[str, Any]]:
+    """A schedule of these factors and the stock physics in turn."""
+    return [
+        {"episode": k} | ({"reset": True} if i % 2 else factors) for i, k in enumerate(episodes)
+    ]
+
+
+HOPPER_HEAVY = {"gravity": 1.3, "mass": 1.3, "friction": 0.7}
+RECURRING = {
+    "cartpole": CARTPOLE
+    | dict(episodes=600, schedule=_recurring({"force": -1.0}, 300, 375, 450, 525)),
+    "mountaincar": MOUNTAINCAR
+    | dict(episodes=650, schedule=_recurring({"force": -1.0}, 250, 350, 450, 550)),
+    "acrobot": ACROBOT
+    | dict(episodes=650, schedule=_recurring({"torque": -1.0}, 150, 250, 350, 450, 550)),
+    "hopper": HOPPER | LONG_HOPPER | dict(schedule=_recurring(HOPPER_HEAVY, 500, 750, 1000, 1250)),
+}
+
+# The same episodes, at which nothing changes.
+NULL = {
+    env: preset
+    | dict(
+        schedule=[
+            {"episode": entry["episode"], FACTORS[env][0]: 1.0} for entry in preset["schedule"]
+        ]
+    )
+    for env, preset in RECURRING.items()
+}
+
+
+# Other parameters, regimes of uneven length, and one drift that comes by degrees.
+def _gradual(factor: str, first: int, values: tuple[float, ...]) -> list[dict[str, Any]]:
+    return [{"episode": first + 10 * i, factor: value} for i, value in enumerate(values)]
+
+
+HELD_OUT = {
+    "cartpole": CARTPOLE
+    | dict(
+        episodes=620,
+        schedule=[
+            {"episode": 320, "force": -0.8},
+            {"episode": 390, "reset": True},
+            *_gradual("length", 440, (1.2, 1.4, 1.6, 1.8, 2.0)),
+            {"episode": 530, "force": -0.8, "length": 2.0},
+            {"episode": 570, "reset": True},
+        ],
+    ),
+    "mountaincar": MOUNTAINCAR
+    | dict(
+        episodes=650,
+        schedule=[
+            {"episode": 270, "force": -1.2},
+            {"episode": 340, "reset": True},
+            *_gradual("gravity", 420, (0.95, 0.9, 0.85, 0.8, 0.75)),
+            {"episode": 510, "force": -1.2, "gravity": 0.75},
+            {"episode": 590, "reset": True},
+        ],
+    ),
+    "acrobot": ACROBOT
+    | dict(
+        episodes=650,
+        schedule=[
+            {"episode": 170, "torque": -0.8},
+            {"episode": 230, "reset": True},
+            *_gradual("gravity", 320, (1.1, 1.2, 1.3, 1.4, 1.5)),
+            {"episode": 440, "torque": -0.8, "gravity": 1.5},
+            {"episode": 520, "reset": True},
+            {"episode": 560, "torque": -0.8},
+        ],
+    ),
+}
+
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "paper": PAPER,
     "fast": FAST,
     "long": LONG,
     "hard": HARD,
+    "recurring": RECURRING,
+    "null": NULL,
+    "held-out": HELD_OUT,
 }
-DEVIATION = {"paper": "D13", "fast": "D14", "long": "D17", "hard": "D21"}
+DEVIATION = {"paper": "D13", "fast": "D14", "long": "D17", "hard": "D21"} | dict.fromkeys(
+    ("recurring", "null", "held-out"), "D22"
+)
 
 
 def source(env: str, preset: str, name: str, value: object) -> str:
@@ -178,7 +258,8 @@ def source(env: str, preset: str, name: str, value: object) -> str:
     >>> source("acrobot", "fast", "lr", 1e-3), source("acrobot", "fast", "episodes", 250)
     ('paper', 'ours (D14)')
     """
-    if name in GIVEN[env] and GIVEN[env][name] == value:
+    given = GIVEN[env] | {"alpha": 0.1}  # η_boost, which every agent of the paper has of its own
+    if name in given and given[name] == value:
         return "paper"
     changed = PRESETS[preset][env].get(name) != PAPER[env].get(name)
     return f"ours ({DEVIATION[preset if changed else 'paper']})"

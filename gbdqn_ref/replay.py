@@ -1,20 +1,17 @@
-"""Replay buffers: uniform, proportional to TD error (Schaul et al. 2016), and mixed with recency
-(Eqs. 10–11).
+"""Replay buffers: uniform, by TD error (Schaul et al. 2016), by TD error and recency (Eqs. 10–11).
 
 Letters: N stored transitions, B batch, p priority, P = p / Σp probability, age = transitions added
 since (newest 0), slot = place in the ring. Everything per sample is (B,).
 """
 
-from math import expm1
+from math import expm1, inf
 from typing import NamedTuple
 
 import numpy as np
 
 
 class Batch(NamedTuple):
-    """B sampled transitions: index (B,) slots, s (B, d), a (B,), r (B,), s2 (B, d), terminated
-    (B,), weight (B,).
-    """
+    """B sampled transitions; s and s2 are (B, d), everything else (B,). index holds their slots."""
 
     index: np.ndarray
     s: np.ndarray
@@ -26,16 +23,12 @@ class Batch(NamedTuple):
 
 
 def td_priority(delta, priority_offset, priority_exponent):
-    """p^TD = (|δ| + ε)^γ, with ε the offset and γ the exponent of the paper (section "Recency and
-    TD-error …").
-    """
+    """p^TD = (|δ| + ε)^γ, the paper's ε and γ (section "Recency and TD-error …")."""
     return (np.abs(delta) + priority_offset) ** priority_exponent
 
 
 def time_priority(age, recency_rate):
-    """p^time = exp(−α · age), age in transitions added since (D5): 1 for the newest, in (0, 1] for
-    all.
-    """
+    """p^time = exp(−α · age), with age in transitions added since (D5): 1 for the newest."""
     return np.exp(-recency_rate * np.asarray(age, np.float64))
 
 
@@ -45,10 +38,10 @@ def mixed_priority(p_td, p_time, mix):
 
 
 def importance_weights(probabilities, n, is_exponent, normalise="batch"):
-    """w = (1 / (N P))^β, divided by the batch's largest ("batch", as in the paper) or not at all
-    (None); (B,) → (B,).
+    """w = (1 / (N P))^β, divided by the batch's largest weight if normalise is "batch".
 
-    Only exponent 1 without normalisation makes the weighted mean unbiased.
+    (B,) → (B,). "batch" is the paper's; None divides by nothing. Only exponent 1 without
+    normalisation makes the weighted mean unbiased.
 
     >>> importance_weights(np.array([0.8, 0.2]), 2, 1.0).tolist()
     [0.25, 1.0]
@@ -68,17 +61,27 @@ class UniformReplay:
     """
 
     def __init__(self, capacity, state_dim):
-        self.capacity, self.added = int(capacity), 0
+        self.capacity, self.added, self.first = int(capacity), 0, 0  # first: the oldest that counts
         self.s, self.s2 = np.zeros((2, self.capacity, state_dim), np.float32)
         self.a = np.zeros(self.capacity, np.int64)
         self.r = np.zeros(self.capacity, np.float32)
         self.terminated = np.zeros(self.capacity, bool)
 
     def __len__(self):
-        return min(self.added, self.capacity)
+        return min(self.added - self.first, self.capacity)
+
+    def slots(self):
+        """The slots (N,) of the stored transitions."""
+        return (self.first + np.arange(len(self))) % self.capacity
+
+    def keep(self, n):
+        """Drop all but the newest n: they are never drawn again and no longer count in N."""
+        self.first = max(self.first, self.added - n)
 
     def add(self, s, a, r, s2, terminated):
-        """Store a transition over the oldest one when full; returns its slot."""
+        """Store a transition, over the oldest one if the ring is full; returns its slot."""
+        if a < 0:  # as an index it would be one of the last actions
+            raise ValueError(f"an action is a whole number from 0 on, not {a}")
         slot = self.added % self.capacity
         self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = (
             s,
@@ -96,7 +99,7 @@ class UniformReplay:
 
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement, P(i) = 1/N."""
-        index = rng.integers(len(self), size=batch_size)
+        index = (self.first + rng.integers(self._total(), size=batch_size)) % self.capacity
         return self._batch(index, np.ones(batch_size, np.float32))
 
     def _batch(self, index, weight):
@@ -111,29 +114,30 @@ class UniformReplay:
         )
 
     def probabilities(self):
-        """P (N,), by slot: what sample() draws from."""
-        return np.full(len(self), 1 / len(self))
+        """P (N,) by slot, from which sample() draws."""
+        return np.full(len(self), 1 / self._total())
+
+    def _total(self):
+        """Σp, where each p is 1."""
+        return _divisor(len(self), len(self))
 
     def update_priorities(self, index, delta):
-        """Take note of the TD errors (B,) of the transitions in these slots; here nothing depends
-        on them.
-        """
+        """Take the TD errors (B,) of the transitions in these slots; not used here."""
 
     def check_valid(self):
         """Raise AssertionError unless the ring is consistent."""
         assert 0 <= len(self) <= self.capacity and self.added >= len(self)
-        assert sorted(self.age(np.arange(len(self)))) == list(range(len(self)))
+        assert sorted(self.age(self.slots())) == list(range(len(self)))
         for array in (self.s, self.a, self.r, self.s2, self.terminated):
-            assert not array[len(self) :].any(), "an empty slot holds something"
+            assert not array[self.added :].any(), "an empty slot holds something"
 
 
 class SumTree:
-    """Non-negative numbers whose sum, and a draw in proportion to them, cost O(log N) instead of
-    O(N).
+    """Non-negative numbers; their sum, and a draw in proportion to them, cost O(log N).
 
-    Each number of a level is the sum of FAN numbers below it; a level of at most TOP numbers is the
-    last. Few levels and wide ones, since NumPy's price is the number of calls (here FAN = TOP = 4;
-    32 and 2,048 in the code):
+    Each number of a level is the sum of FAN numbers below it. The last level has at most TOP
+    numbers. There are few levels, and wide ones, because NumPy's cost is the number of calls. Drawn
+    here with FAN = TOP = 4; the code has 32 and 2,048:
 
         levels[1]      10           26
         levels[0]   1 2 3 4      5 6 7 8     u = 17: 17 ≥ 10, so right, 7 left: 5 ≤ 7 < 11, leaf 5
@@ -157,8 +161,9 @@ class SumTree:
         return float(self.levels[-1].sum())
 
     def set(self, index, value):
-        """Write leaves and sum anew above them: sums of the children, never differences, so that no
-        error builds up.
+        """Set leaves and recompute the sums above them.
+
+        Adding differences would let rounding errors build up.
         """
         self.leaves[index] = value
         for below, above in zip(self.levels, self.levels[1:], strict=False):
@@ -166,15 +171,15 @@ class SumTree:
             above[index] = below.reshape(-1, self.FAN)[index].sum(-1)
 
     def find(self, u):
-        """The leaf in which each u (B,) in [0, total) falls when the leaves are laid end to end;
-        never an empty one.
+        """The leaf in which each u (B,) in [0, total) falls, with the leaves laid end to end.
+
+        Never an empty leaf.
         """
         *lower, top = self.levels
-        edges = np.zeros(len(top) + 1)  # where each number begins, and the last one ends
+        edges = np.zeros(len(top) + 1)  # where each number begins, and where the last one ends
         top.cumsum(out=edges[1:])
-        u = np.minimum(
-            u, np.nextafter(edges[-1], 0)
-        )  # rounding must not carry u past the last leaf
+        # rounding must not carry u past the last leaf
+        u = np.minimum(u, np.nextafter(edges[-1], 0))
         index = (edges.searchsorted(u, "right") - 1) % len(top)  # where all are 0, the first
         u = u - edges[index]
         rows, edges = np.arange(len(u)), np.zeros((len(u), self.FAN + 1))
@@ -188,11 +193,9 @@ class SumTree:
 
 
 class ProportionalReplay(UniformReplay):
-    """Prioritized replay, proportional variant: P(i) = p^TD_i / Σ p^TD, weights w_i = (N
-    P(i))^−is_exponent.
+    """Proportional prioritized replay: P(i) = p^TD_i / Σ p^TD, w_i = (N P(i))^−is_exponent.
 
-    A new transition enters with the largest priority seen so far, so that it is soon looked at
-    (D4).
+    A new transition gets the largest priority seen so far, so that it is drawn soon (D4).
     """
 
     def __init__(
@@ -214,6 +217,11 @@ class ProportionalReplay(UniformReplay):
         self.tree.set(slot, self.max_priority)
         return slot
 
+    def keep(self, n):
+        dropped = np.arange(self.added - len(self), self.added - n) % self.capacity
+        super().keep(n)
+        self.tree.set(dropped, 0.0)
+
     def sample(self, batch_size, rng):
         """A Batch of independent draws with replacement from probabilities()."""
         index = self._draw(batch_size, rng)
@@ -223,14 +231,17 @@ class ProportionalReplay(UniformReplay):
         return self._batch(index, weight.astype(np.float32))
 
     def probabilities(self):
-        return self._probability(np.arange(len(self)))
+        return self._probability(self.slots())
 
     def update_priorities(self, index, delta):
         priority = td_priority(
             np.asarray(delta, np.float64), self.priority_offset, self.priority_exponent
         )
+        largest = float(priority.max())
+        if not largest < inf:
+            raise FloatingPointError(f"a priority is {largest}: the TD errors have diverged")
         self.tree.set(index, priority)
-        self.max_priority = max(self.max_priority, float(priority.max()))
+        self.max_priority = max(self.max_priority, largest)
 
     def _probability(self, index):
         return self._priority(index) / self._total()
@@ -242,36 +253,42 @@ class ProportionalReplay(UniformReplay):
         return self.tree.leaves[index]
 
     def _total(self):
-        return _positive(self.tree.total())
+        return _divisor(self.tree.total(), len(self))
 
     def check_valid(self):
         super().check_valid()
-        assert (self.tree.leaves[: len(self)] >= 0).all() and not self.tree.leaves[
-            len(self) :
-        ].any()
+        others = np.delete(self.tree.leaves, self.slots())
+        assert (self.tree.leaves >= 0).all() and not others.any()
         for below, above in zip(self.tree.levels, self.tree.levels[1:], strict=False):
             sums = below.reshape(-1, SumTree.FAN).sum(-1)
             assert (above[: len(sums)] == sums).all() and not above[len(sums) :].any()
         assert self.tree.leaves.max() <= self.max_priority
 
 
-def _positive(total):
-    if not total > 0:
+def _divisor(total, n):
+    """Σp of n priorities; an error where P = p / Σp is undefined."""
+    if not n:
+        raise ValueError("the buffer is empty: store a transition before drawing one")
+    if total == 0:
         raise ValueError(
             "every priority is 0, so P = p / Σp is undefined; priority_offset must be positive"
         )
+    if not total < inf:
+        raise FloatingPointError(f"the priorities add up to {total}: the TD errors have diverged")
     return total
 
 
 class RecencyReplay(ProportionalReplay):
-    """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11), exact
-    and always fresh.
+    """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11).
 
-    Eq. 10 is a mixture, so a draw has two stages. With probability λ = β S_TD / (β S_TD + (1 − β)
-    S_time) it is made in proportion to p^TD; else an age is drawn from the truncated geometric
-    distribution, in closed form: S_time = (1 − e^{−αN}) / (1 − e^{−α}),  age = ⌊−log(1 − u (1 −
-    e^{−αN})) / α⌋.  No age-dependent priority is ever stored, so none goes stale (the paper's p_i
-    does between two visits: D5). Rate 0 makes recency uniform.
+    Eq. 10 is a mixture, so a draw has two stages. With probability λ it is made in proportion to
+    p^TD. Otherwise an age is drawn, in closed form, from the truncated geometric distribution:
+
+        λ = β S_TD / (β S_TD + (1 − β) S_time)      S_time = (1 − e^{−αN}) / (1 − e^{−α})
+        age = ⌊−log(1 − u (1 − e^{−αN})) / α⌋       u uniform in [0, 1)
+
+    No age-dependent priority is ever stored, so none goes stale, as the paper's p_i does between
+    two visits (D5). Rate 0 makes recency uniform.
     """
 
     def __init__(self, capacity, state_dim, mix=0.5, recency_rate=1e-3, **proportional):
@@ -285,7 +302,7 @@ class RecencyReplay(ProportionalReplay):
         return expm1(-self.recency_rate * len(self)) / expm1(-self.recency_rate)
 
     def td_share(self):
-        """λ, the part of the draws that goes by TD error; 1 − λ goes by recency."""
+        """λ, the share of draws by TD error; 1 − λ is the share by recency."""
         return self.mix * self.tree.total() / self._total()
 
     def _draw(self, batch_size, rng):
@@ -306,4 +323,5 @@ class RecencyReplay(ProportionalReplay):
         )
 
     def _total(self):
-        return _positive(mixed_priority(self.tree.total(), self.time_total(), self.mix))
+        total = mixed_priority(self.tree.total(), self.time_total(), self.mix)
+        return _divisor(total, len(self))

@@ -1,33 +1,34 @@
 """What a learning curve says, and what several of them say together.
 
-Of one curve: final return, and per regime the mean, the drop at its start, the recovery and the
-area under it. Of several, one per seed: interquartile mean, bootstrap intervals, paired
-differences, forgetting.
+Of one curve: its final return, and for each regime the mean return, the drop at its start, the
+recovery and the area. Of several curves, one per seed: interquartile mean, bootstrap interval,
+paired difference, forgetting.
 
 Returns of different regimes are compared on one scale, level = (return − random) / (reference −
-random): 0 is the random policy, 1 the mean of the 20 episodes before the drift. (A tenth more or
-less than a return of −100 would mean opposite things.)
+random): 0 is the random policy, 1 the mean of the 20 episodes before the drift. (Percentages of the
+raw return would change sign where returns are negative.) Averages of nothing are refused.
 """
+
+from math import inf
 
 import numpy as np
 
-EDGE, WINDOW, RECOVERED = (
-    20,
-    10,
-    0.9,
-)  # episodes at a regime's edge, episodes of a trailing mean, level that counts
+from . import UsageError
+
+EDGE = 20  # episodes at a regime's start, and before it
+WINDOW = 10  # episodes of the trailing mean that shows a recovery
+RECOVERED = 0.9  # the level at which a regime counts as recovered
 
 
 def final_return(returns, last=50):
-    """Mean return of the last 50 episodes (the paper does not say what its "Final Return" is:
-    D12).
-    """
-    return float(np.mean(returns[-last:]))
+    """Mean return of the last 50 episodes; the paper does not define its "Final Return" (D12)."""
+    return float(np.mean(_some(returns)[-last:]))
 
 
 def trailing_mean(x, window):
-    """Mean of each element and the window − 1 before it: (n,) → (n − window + 1,); empty if x is
-    shorter.
+    """Mean of each element and the window − 1 before it: (n,) → (n − window + 1,).
+
+    It is empty if x is shorter than the window.
 
     >>> trailing_mean(np.array([1.0, 2.0, 6.0]), 2).tolist()
     [1.5, 4.0]
@@ -38,26 +39,36 @@ def trailing_mean(x, window):
 
 
 def recovery(levels):
-    """Episodes until the trailing mean of 10 levels first reaches 0.9, or None if it never does
-    (censored).
-    """
+    """Episodes until the mean of the last 10 levels first reaches 0.9; None if it never does."""
     reached = np.flatnonzero(trailing_mean(np.asarray(levels), WINDOW) >= RECOVERED)
     return int(reached[0]) + WINDOW if len(reached) else None
 
 
+def standard_error(x):
+    """Standard error of the mean, s/√n, with n − 1 in s; infinite for a single value."""
+    x = _some(x)
+    return float(np.std(x, ddof=1) / np.sqrt(len(x))) if len(x) > 1 else inf
+
+
+def gain(returns, random_return):
+    """Mean return minus the random policy's; None unless it exceeds two standard errors."""
+    span = float(np.mean(_some(returns))) - random_return
+    return span if span > 2 * standard_error(returns) else None
+
+
 def regime_table(records, random_return):
-    """One dict per regime: first episode, episodes, event, mean return; drop, recovery, area
-    against the one before.
+    """One dict per regime: its first episode, length, event and mean return; drop, recovery, area.
 
     drop = 1 − mean level of the first 20 episodes, area = mean level of all of them. All three are
-    None in the first regime, and where the 20 episodes before the drift were not better than the
-    random policy by two standard errors, so that nothing could be lost.
+    None in the first regime. They are also None where the 20 episodes before the drift show no
+    gain over the random policy: then there was nothing to lose.
     """
     regimes = [record["regime"] for record in records]
     starts = [i for i in range(len(records)) if i == 0 or regimes[i] != regimes[i - 1]]
     table = []
     for start, end in zip(starts, [*starts[1:], len(records)], strict=True):
         returns = np.array([record["return"] for record in records[start:end]])
+        before = [record["return"] for record in records[max(0, start - EDGE) : start]]
         row = {
             "regime": regimes[start],
             "first_episode": records[start]["episode"],
@@ -68,30 +79,24 @@ def regime_table(records, random_return):
             "recovery": None,
             "area": None,
         }
-        if table:
-            before = np.array(
-                [record["return"] for record in records[max(0, start - EDGE) : start]]
-            )
-            span = before.mean() - random_return
-            if span > 2 * before.std() / np.sqrt(len(before)):
-                levels = (returns - random_return) / span
-                row |= {"drop": float(1 - levels[:EDGE].mean()), "recovery": recovery(levels)}
-                row["area"] = float(levels.mean())
+        if before and (span := gain(before, random_return)) is not None:
+            levels = (returns - random_return) / span
+            row |= {"drop": float(1 - levels[:EDGE].mean()), "recovery": recovery(levels)}
+            row["area"] = float(levels.mean())
         table.append(row)
     return table
 
 
 def iqm(x, axis=-1):
-    """Interquartile mean: the mean of the middle half, 2 ∫ F⁻¹(u) du from ¼ to ¾, F⁻¹ the sorted
-    values as steps.
+    """Interquartile mean: the mean of the middle half of the sorted values.
 
-    Of 5 values each fills a fifth: the second and the fourth count by 3/4 of it (from 0.25 to 0.4),
-    the third whole.
+    2 ∫ F⁻¹(u) du from ¼ to ¾, where F⁻¹ is a step function. Of 5 values each fills a fifth: the
+    second and the fourth count by 3/4 of it (from 0.25 to 0.4), the third whole.
 
     >>> float(iqm(np.array([0.0, 1.0, 2.0, 3.0, 100.0])))
     2.0
     """
-    x = np.sort(x, axis)
+    x = np.sort(_some(x), axis)
     n = x.shape[axis]
     edges = np.arange(n + 1) / n
     weight = np.diff(edges.clip(0.25, 0.75)) * 2
@@ -99,14 +104,14 @@ def iqm(x, axis=-1):
 
 
 def bootstrap_interval(x, rng, statistic=iqm, level=0.95, resamples=2000):
-    """(low, high): percentiles of the statistic over resamples of the runs, x (runs,) or
-    (environments, runs).
+    """(low, high): percentiles of the statistic over resampled runs.
 
-    Stratified: runs are drawn with replacement within each environment, and the statistic is
-    averaged over them. With five runs such an interval is too narrow: of normal data the nominal 95
-    % cover 88 % (measured; the mean's 81 %).
+    x is (runs,) or (environments, runs). Stratified: runs are drawn with replacement within each
+    environment, and the statistic is averaged over environments. Few runs make it too narrow. On
+    normal data (measured) a nominal 95 % interval of the IQM covers 74.9 % with 3 runs, 90.5 % with
+    5 and 93.9 % with 15; one of the mean 83.7 % with 5.
     """
-    x = np.atleast_2d(x)
+    x = np.atleast_2d(_some(x))
     draws = rng.integers(x.shape[1], size=(resamples, *x.shape))
     values = statistic(
         np.take_along_axis(np.broadcast_to(x, draws.shape), draws, -1), axis=-1
@@ -116,33 +121,106 @@ def bootstrap_interval(x, rng, statistic=iqm, level=0.95, resamples=2000):
 
 
 def paired_difference(x, y, rng, **options):
-    """(iqm of x − y, low, high) for two methods' results on the same seeds, (runs,) each."""
-    difference = np.asarray(x) - np.asarray(y)
-    return (float(iqm(difference)), *bootstrap_interval(difference, rng, **options))
+    """(IQM of x − y, low, high) of two methods' results on the same seeds, (runs,) each."""
+    x, y = np.asarray(x), np.asarray(y)
+    if x.shape != y.shape or x.ndim != 1:
+        raise UsageError(f"a pair needs one result per seed from both, not {x.shape} and {y.shape}")
+    return (float(iqm(x - y)), *bootstrap_interval(x - y, rng, **options))
 
 
 def mean_std(x):
-    """(mean, std) over runs, as the paper's tables seem to give them; the std with n − 1, None for
-    one run.
+    """(mean, std) over runs, as in the paper's tables; the std has n − 1, and is None for one run.
+
+    The paper leaves open whether its ± is over runs or episodes.
     """
+    x = _some(x)
     return float(np.mean(x)), float(np.std(x, ddof=1)) if len(x) > 1 else None
 
 
 def median_recovery(recoveries):
-    """The median of recovery times of which None (never within the regime) is later than any; None
-    if it is that.
+    """Median recovery time, never (None) counting as infinite; None if the median is infinite."""
+    return _median([inf if time is None else time for time in recoveries])
+
+
+def regime_medians(rows):
+    """Medians of recovery and area over the runs of one regime, and how many runs are left out.
+
+    `rows` are one regime's rows of regime_table, one per run. Runs with nothing to lose are left
+    out ("undefined"). If all are, both medians are None; otherwise a recovery of None is "never".
+
+    >>> rows = [dict(recovery=9, area=0.8), dict(recovery=None, area=None)]
+    >>> regime_medians(rows)
+    {'recovery': 9.0, 'area': 0.8, 'undefined': 1}
     """
-    ordered = sorted(recoveries, key=lambda time: (time is None, time))
-    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
-    return None if high is None else (low + high) / 2
+    defined = [row for row in _some(rows) if row["area"] is not None]
+    return {
+        "recovery": median_recovery([row["recovery"] for row in defined]) if defined else None,
+        "area": _median([row["area"] for row in defined]) if defined else None,
+        "undefined": len(rows) - len(defined),
+    }
 
 
 def forgetting(returns):
-    """What is lost of each regime: its best return so far less its last one, from returns (after k,
-    on j), (R, R).
+    """What is lost of each regime but the last: its best evaluation minus the final one.
 
-    Only evaluations after a regime was first met count; of the last one nothing can be forgotten
-    yet.
+    `returns` (R, R) are the evaluations after regime k, in regime j. Only those after regime j was
+    first met count.
     """
     returns = np.asarray(returns)
     return [float(returns[j:, j].max() - returns[-1, j]) for j in range(len(returns) - 1)]
+
+
+def _median(x):
+    """The median of numbers of which some may be infinite; None if it is infinite."""
+    median = float(np.median(_some(x)))
+    return median if median < inf else None
+
+
+def _some(x):
+    """x as an array; UsageError if it is empty."""
+    x = np.asarray(x)
+    if not x.size:
+        raise UsageError("at least one value is needed")
+    return x
+
+
+def match_alarms(alarms, drifts, within=10):
+    """(delays, misses, false alarms) of a detector's alarms, both lists of episodes in order.
+
+    A drift is found by the first alarm in its first `within` episodes, with a delay of 1 if that is
+    the drift's own episode. Every alarm that finds no drift is false, also a second one.
+
+    >>> match_alarms([102, 130, 153], [100, 150, 200])
+    ([3, 4], 1, 1)
+    """
+    firsts = [[a for a in alarms if drift <= a < drift + within][:1] for drift in drifts]
+    delays = [a - drift + 1 for drift, found in zip(drifts, firsts, strict=True) for a in found]
+    return delays, len(drifts) - len(delays), len(alarms) - len(delays)
+
+
+def sign_flip_test(differences, rng, margin=0.0, statistic=iqm, flips=10_000):
+    """p of "the paired differences (n,) lie above the margin", one-sided, by random sign flips.
+
+    p = (1 + #{statistic of flipped ≥ statistic}) / (1 + flips). Exact where the differences are
+    symmetric about the margin under the null hypothesis.
+
+    >>> round(sign_flip_test([1.0, 2.0, 3.0], np.random.default_rng(0), statistic=np.mean), 2)
+    0.12
+    """
+    x = _some(differences) - margin
+    signs = rng.choice([-1.0, 1.0], size=(flips, len(x)))
+    exceeds = statistic(signs * x, axis=-1) >= statistic(x, axis=-1) - 1e-12  # ties count
+    return float((1 + exceeds.sum()) / (1 + flips))
+
+
+def holm(p):
+    """Holm's adjusted p values, in the order given: step down, the smallest times n first.
+
+    >>> [round(each, 3) for each in holm([0.01, 0.04, 0.03])]
+    [0.03, 0.06, 0.06]
+    """
+    order, adjusted, largest = np.argsort(p), np.empty(len(p)), 0.0
+    for rank, k in enumerate(order):
+        largest = max(largest, (len(p) - rank) * p[k])
+        adjusted[k] = min(1.0, largest)
+    return adjusted.tolist()

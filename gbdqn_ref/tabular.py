@@ -1,8 +1,8 @@
 """Finite MDPs, where the Bellman operator and Q* are exact and the theorems can be decided.
 
 Letters: S states, A actions, P (S, A, S) transition probabilities, r (S, A) expected rewards, γ
-discount; Q (S, A). A terminal state is one that loops on itself with reward 0, so that its value is
-0 and needs no special case. Arrays of Fractions (dtype object) work wherever no limit is taken.
+discount; Q (S, A). A terminal state loops on itself with reward 0: its value is 0 without a special
+case. Arrays of Fractions (dtype object) work in everything but q_star, which takes a limit.
 """
 
 import numpy as np
@@ -41,12 +41,15 @@ class MDP:
         return (mu * self.residual(Q) ** 2).sum()
 
     def q_star(self, tolerance=1e-12):
-        """Q*, by value iteration until ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, hence ‖Q − Q*‖∞ ≤
-        tolerance.
+        """Q*, by value iteration: ‖Q − Q*‖∞ ≤ tolerance.
 
-        It also ends where rounding keeps the residual from falling any further.
+        It stops once ‖𝒯*Q − Q‖∞ ≤ (1 − γ) · tolerance, or when rounding keeps the residual from
+        falling.
         """
         Q, last = np.zeros(self.r.shape), np.inf
-        while tolerance * (1 - self.gamma) < (size := np.abs(g := self.residual(Q)).max()) < last:
+        while True:
+            g = self.residual(Q)
+            size = np.abs(g).max()
+            if not tolerance * (1 - self.gamma) < size < last:
+                return Q
             Q, last = Q + g, size
-        return Q

@@ -40,7 +40,13 @@ def run(config: Config, agent: Any = None, first_episode: int = 0) -> Iterator[d
     for episode in range(first_episode, config.episodes):
         # one thread: more are slower on matrices this small; and divergence is an error of its own
         with THREADS.limit(limits=1), np.errstate(over="ignore", invalid="ignore"):
-            record = _train_episode(agent, env, config, episode)
+            try:
+                record = _train_episode(agent, env, config, episode)
+            except FloatingPointError as e:
+                raise DivergenceError(
+                    f"training diverged in episode {episode}, step {agent.steps}: {e}; the likely "
+                    f"cause is lr={config.lr:g}, so try a smaller one"
+                ) from e
             if episode in last:
                 judged = agent.finish() if episode + 1 == config.episodes else agent
                 record["evaluation"] = evaluate_regimes(judged, env, config)
@@ -51,19 +57,19 @@ def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode:
     """The record of one episode of training."""
     seed = episode_seed(config.seed, episode)
     s, info = env.reset(seed=seed, options={"episode": episode})
-    if info["event"]:
-        agent.on_drift(info["event"])
+    if event := announced(agent.config.drift_signal, episode, info["event"]):
+        agent.on_drift(event)
     length, total, deltas, ends = 0, 0.0, [], False
     while not ends:
         a = agent.act(s)
         s2, r, terminated, truncated, info = env.step(a)
         agent.observe(s, a, r, s2, terminated)
-        if agent.steps >= config.learning_starts and agent.steps % config.update_every == 0:
+        if agent.steps >= agent.learning_starts and agent.steps % config.update_every == 0:
             for _ in range(config.gradient_steps):
                 deltas.append(agent.learn())
-                _check_finite(deltas[-1], "TD error", agent, episode)
+                _check_finite(deltas[-1], "TD error")
         s, ends, length, total = s2, terminated or truncated, length + 1, total + float(r)
-    _check_finite(getattr(agent, "theta", np.empty(0)), "parameter", agent, episode)
+    _check_finite(getattr(agent, "theta", np.empty(0)), "parameter")
     td_errors = np.abs(np.concatenate(deltas)) if deltas else np.empty(0)
     td_error = float(td_errors.mean()) if len(td_errors) else float("nan")
     agent.end_episode(total, td_error)
@@ -80,12 +86,19 @@ def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode:
     }
 
 
-def _check_finite(values: np.ndarray, what: str, agent: Any, episode: int) -> None:
+def announced(signal: str | list, episode: int, event: str | None) -> str | None:
+    """What an agent is told as an episode begins: the schedule's event, or "drift" in a list's.
+
+    An agent that looks for drifts itself is told nothing.
+    """
+    if signal == "schedule":
+        return event
+    return "drift" if isinstance(signal, list) and episode in signal else None
+
+
+def _check_finite(values: np.ndarray, what: str) -> None:
     if not np.isfinite(values).all():
-        raise DivergenceError(
-            f"training diverged in episode {episode}, step {agent.steps}: a {what} is not finite; "
-            f"the likely cause is lr={agent.config.lr:g}, so try a smaller one"
-        )
+        raise FloatingPointError(f"a {what} is not finite")
 
 
 def episode_seed(seed: int, episode: int) -> int:

@@ -430,7 +430,7 @@ OPTIONS = {
 tracks, report = {}, []
 for reading, options in OPTIONS.items():
     agent, before, *tracks[reading] = after_drift(updates, **options)
-    agent.on_drift("end")  # line 29
+    agent = agent.finish()  # line 29
     after = agent.q(ONE_HOT)
     perfect = boost(new, before, reading, 0.5, q_new)
     wrong = np.abs(after - q_new).max()

@@ -15,9 +15,11 @@ from pathlib import Path
 import numpy as np
 from lesson import BLACK, BLUE, ORANGE, VERMILLION, plt, source
 
-from gbdqn_ref import plots, stats
+from gbdqn_ref import stats
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.bellman import epsilon_schedule
 from gbdqn_ref.config import Config
+from gbdqn_ref.schedule import LABELS
 
 RESULTS = Path(
     "../paper_checks/results"
@@ -96,8 +98,8 @@ for env, table in PRINTED.items():
     values = {agent: p_value(table["gbdqn"], table[agent]) for agent in table if agent != "gbdqn"}
     smallest = min(smallest, *values.values())
     print(
-        f"{plots.NAMES[env]:12}",
-        "  ".join(f"{plots.NAMES[agent]} {p:.3f}" for agent, p in values.items()),
+        f"{LABELS[env]:12}",
+        "  ".join(f"{AGENTS[agent].label} {p:.3f}" for agent, p in values.items()),
     )
 ours, theirs = PRINTED["hopper"]["gbdqn"], PRINTED["hopper"]["dqn"]
 error = np.hypot(ours[1], theirs[1]) / np.sqrt(5)
@@ -164,7 +166,7 @@ def final(results):
 
 
 for agent, values in final(stored("hopper")).items():
-    print(f"{plots.NAMES[agent]:14}", *(f"{value:7.1f}" for value in values))
+    print(f"{AGENTS[agent].label:14}", *(f"{value:7.1f}" for value in values))
 
 # %% [markdown]
 # > **Predict, then run.** Look at DQN and Sliding-DQN in this list. Why?
@@ -256,7 +258,7 @@ def forest(name, panel, title):
         middle, low, high = stats.paired_difference(
             ours[agent], ours["dqn"], np.random.default_rng(0)
         )
-        colour = plots.COLOURS[agent]
+        colour = AGENTS[agent].colour
         panel.plot(
             ours[agent] - ours["dqn"],
             np.full(len(ours["dqn"]), y),
@@ -266,15 +268,15 @@ def forest(name, panel, title):
             markersize=3,
         )
         panel.plot([low, high], [y, y], color=colour, linewidth=2)
-        panel.plot(middle, y, plots.MARKS[agent], color=colour, markersize=7)
+        panel.plot(middle, y, AGENTS[agent].mark, color=colour, markersize=7)
     panel.axvline(0, color=BLACK, linewidth=0.8)
-    panel.set_yticks(range(len(others)), [plots.NAMES[agent] for agent in reversed(others)])
+    panel.set_yticks(range(len(others)), [AGENTS[agent].label for agent in reversed(others)])
     panel.set(title=title, xlabel="final return minus DQN's")
 
 
 figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.8))
 for panel, name in zip(axes, ("acrobot", "mountaincar", "hopper"), strict=True):
-    forest(name, panel, plots.NAMES[name])
+    forest(name, panel, LABELS[name])
 plt.show()
 
 # %% [markdown]
@@ -301,7 +303,7 @@ for name in ("acrobot", "mountaincar"):
         middle, low, high = stats.paired_difference(
             ours[agent], ours["dqn"], np.random.default_rng(0)
         )
-        print(f"{plots.NAMES[name]:12}{label:26}{middle:+7.1f}  [{low:+.1f}, {high:+.1f}]")
+        print(f"{LABELS[name]:12}{label:26}{middle:+7.1f}  [{low:+.1f}, {high:+.1f}]")
 
 # %% [markdown]
 # In both, the replay alone moves DQN as far as boosting does, in the same direction. Two things were changed at once in the
@@ -348,7 +350,7 @@ for panel, env in zip(axes, ("acrobot", "mountaincar"), strict=True):
     panel.axvline(
         stored(env)["runs"][0]["random_return"], color="0.5", linestyle=":", label="random policy"
     )
-    panel.set(title=plots.NAMES[env], xlabel="final return: seeds, and their IQM")
+    panel.set(title=LABELS[env], xlabel="final return: seeds, and their IQM")
     panel.set_yticks(range(len(READINGS)), reversed(READINGS))
 axes[0].legend(loc="lower center", fontsize=9)
 plt.show()
@@ -392,7 +394,7 @@ ADDED = {  # what is added: to what is it added (with, without)
     },
     "boosting": {"to DQN": ("gbdqn-per", "dqn"), "beside that replay": ("gbdqn", "dqn-recency")},
 }
-ALL = {name: plots.NAMES[name] for name in ("acrobot", "mountaincar", "hopper")} | OURS
+ALL = {name: LABELS[name] for name in ("acrobot", "mountaincar", "hopper")} | OURS
 figure, axes = plt.subplots(1, 2, figsize=(10, 4.6), sharex=True, sharey=True)
 for panel, (what, companies) in zip(axes, ADDED.items(), strict=True):
     looks = zip(companies.items(), (0.15, -0.15), (BLUE, VERMILLION), ("o", "s"), strict=True)

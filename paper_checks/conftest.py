@@ -15,7 +15,7 @@ def pytest_configure(config):
     for name in ledger.PLACES:
         config.addinivalue_line("markers", f"{name}: claims of this part of the paper")
     config.addinivalue_line(
-        "markers", "claim(id, place, says, verdict, uses): the check that decides a claim"
+        "markers", "claim(id, place, says, verdict, uses): a check that decides a claim"
     )
     config.addinivalue_line("markers", "control(*ids): the negative control of claims")
 
@@ -34,19 +34,18 @@ def pytest_runtest_setup(item):
 def pytest_terminal_summary(terminalreporter, config):
     reports = [report for reports in terminalreporter.stats.values() for report in reports]
     found = [
-        dict(row)
+        row
         for report in reports
         for name, row in getattr(report, "user_properties", ())
         if name == "claim"
     ]
-    rows = sorted(
-        {row["id"]: row for row in found}.values(), key=lambda row: ledger.position(row["id"])
-    )
+    rows = ledger.joined(found)
     if rows:
         terminalreporter.section("the ledger: is the paper right?")
     for row in rows:
         terminalreporter.write_line(
-            f"{row['id']:5} {row['place']:24} {row['verdict']}\n{'':30} {row['figure']}"
+            f"{row['id']:5} {row['place']:24} {row['verdict']}\n{'':30} "
+            + "; ".join(row["figures"].values())
         )
     if rows and (path := config.getoption("--ledger")):
         ledger.write(path, rows)

@@ -1,16 +1,21 @@
-"""The ledger: which check decides which claim of the paper, and how; and where each numbered place
+"""The ledger: which checks decide which claim of the paper, and how; and where each numbered place
 of it is found.
 
-`--ledger` writes both into README.md.
+`--ledger` writes both into README.md, and the rows into ledger.json.
 """
 
 import json
 import re
+import string
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 README = Path(__file__).with_name("README.md")
+ROWS = README.with_name("ledger.json")
 BEGIN, END = (
     "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->",
     "<!-- end of ledger -->",
@@ -57,11 +62,10 @@ GROUPS = (
     "X",
 )  # in the order of the paper
 HEADER = (
-    "| | claim | place | verdict | what decides it | functions | notebooks | check |\n"
+    "| | claim | place | verdict | what decides it | functions | notebooks | checks |\n"
     + 8 * "|---"
     + "|\n"
 )
-FIELDS = ("id", "says", "place", "verdict", "figure", "uses", "notebooks", "check")
 NOT_CHECKABLE = (  # (id, claim, place, reason)
     (
         "T2-n",
@@ -91,16 +95,18 @@ NOT_CHECKABLE = (  # (id, claim, place, reason)
         "a schedule tells, nothing detects",
     ),
 )
+GLYPHS = {"1/2": "½", "1/4": "¼", "3/4": "¾"}
+CLAIMS = {}  # id: what marks a test of it
 current = None  # the test that runs, set by conftest
 
 
 def claim(id, place, says, verdict, uses):
-    """Mark a test as the one that decides a claim: `says` in our words, `uses` the functions that
-    decide it, if any.
+    """Mark a test that decides a claim: `says` in our words, `uses` the functions that decide it,
+    if any.
 
     verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its
     place: theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls
-    shows() with the figure that decides the claim.
+    shows() with the figure that decides the claim. Further tests of it are marked by also().
     """
     assert re.match(r"holds$|holds if |fails: |ambiguous: ", verdict), verdict
     marks = [pytest.mark.claim(id=id, place=place, says=says, verdict=verdict, uses=uses)]
@@ -111,24 +117,52 @@ def claim(id, place, says, verdict, uses):
             test = mark(test)
         return test
 
+    CLAIMS[id] = decorate
     return decorate
 
 
-def shows(figure):
-    """Take down the figure that decides the claim of the running test; the ledger in README.md must
-    have the same.
+def also(id):
+    """Mark a further test of a claim: one example, one test, and all of them decide it."""
+    return CLAIMS[id]
+
+
+def shows(template, *values):
+    """Take down a figure that decides the claim of the running test, formatted from the values that
+    the test asserted; ledger.json must have the same.
     """
-    check = f"`{current.path.name}` {current.originalname.removeprefix('test_')}"
-    row = current.get_closest_marker("claim").kwargs | {"figure": figure, "check": check}
-    row["notebooks"] = ", ".join(
-        link(name) for name in NOTEBOOKS if row["id"] in cited(NOTEBOOKS[name])
-    )
-    if ("claim", row) not in current.user_properties:
-        current.user_properties.append(("claim", row))
+    test, figure = current.originalname.removeprefix("test_"), Figure().format(template, *values)
+    row = current.get_closest_marker("claim").kwargs
+    row = row | {"notebooks": notebooks(row["id"]), "file": current.path.name}
+    if ("claim", row | {"figures": {test: figure}}) not in current.user_properties:
+        current.user_properties.append(("claim", row | {"figures": {test: figure}}))
     if not current.config.getoption("--ledger"):
-        assert committed().get(row["id"]) == row, (
-            "README.md has another row for this claim; write it with --ledger"
+        known = committed().get(row["id"], {"figures": {}})
+        assert known | {"figures": known["figures"].get(test)} == row | {"figures": figure}, (
+            "ledger.json has another row for this claim; write it with --ledger"
         )
+
+
+class Figure(string.Formatter):
+    """Numbers as the ledger prints them: a real minus, fractions as fractions, 10,000, and arrays
+    element by element. The format "/" prints a float as the fraction that it is next to.
+
+    >>> Figure().format("r = ({}), h = {:/}, {:.3f} of {}", [2.0, -1.0], -0.4, Fraction(1, 3), 9999)
+    'r = (2, −1), h = −2/5, 0.333 of 9,999'
+    """
+
+    def format_field(self, value, spec):
+        if isinstance(value, str):
+            return value
+        if isinstance(value, (list, tuple, np.ndarray)):
+            return ", ".join(self.format_field(each, spec) for each in np.ravel(value).tolist())
+        if spec == "/":
+            value, spec = Fraction(value).limit_denominator(1000), ""
+        if isinstance(value, Fraction) and not spec:
+            text = re.sub(r"\d+/\d+", lambda found: GLYPHS.get(found[0], found[0]), str(value))
+        else:
+            plain = spec or ("," if isinstance(value, int) else ".10g")
+            text = format(float(value) if isinstance(value, Fraction) else value, plain)
+        return text.replace("-", "−").replace("%", " %")
 
 
 def control(*ids):
@@ -162,6 +196,12 @@ def cited(text):
     return set(re.findall(r"\b[MRWPABCX]\d+\b|\bT\d-\w", after))
 
 
+@cache
+def notebooks(id):
+    """Links to the notebooks that cite a claim."""
+    return ", ".join(link(name) for name in NOTEBOOKS if id in cited(NOTEBOOKS[name]))
+
+
 def link(notebook, text=""):
     """A link from README.md to a notebook: its number, and a text."""
     return f"[{int(notebook[:2])}](../notebooks/{notebook}.ipynb){text}"
@@ -177,19 +217,28 @@ def position(id):
     return GROUPS.index(group), int(number) if number.isdigit() else ord(number)
 
 
+def joined(found):
+    """The rows of the ledger in its order, each claim with the figures of all of its tests."""
+    rows = {}
+    for row in found:
+        known = rows.setdefault(row["id"], row)
+        rows[row["id"]] = row | {"figures": known["figures"] | row["figures"]}
+    return sorted(rows.values(), key=lambda row: position(row["id"]))
+
+
 def table(rows):
-    """The ledger as a Markdown table, from dicts with FIELDS."""
-    lines = [
-        "| " + " | ".join(row[field].replace("|", "\\|") for field in FIELDS) + " |\n"
-        for row in rows
-    ]
-    missing = [
+    """The ledger as a Markdown table, from the rows of ledger.json."""
+    lines = []
+    for row in rows:
+        figure, tests = "; ".join(row["figures"].values()), ", ".join(row["figures"])
+        cells = [row[name] for name in ("id", "says", "place", "verdict")]
+        cells += [figure, row["uses"], row["notebooks"], f"`{row['file']}` {tests}"]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n")
+    lines += [
         f"| {id} | {says} | {place} | not checkable: {why} | | | | |\n"
         for id, says, place, why in NOT_CHECKABLE
     ]
-    return HEADER + "".join(
-        sorted(lines + missing, key=lambda line: position(line.split(" | ")[0][2:]))
-    )
+    return HEADER + "".join(sorted(lines, key=lambda line: position(line.split(" | ")[0][2:])))
 
 
 def concordance(rows):
@@ -198,7 +247,7 @@ def concordance(rows):
     """
     text = "| | functions | notebooks | claims |\n|---|---|---|---|\n"
     for marker, place in PLACES.items():
-        here = [row for row in rows if row["check"] and marker in markers(row["place"])]
+        here = [row for row in rows if marker in markers(row["place"])]
         uses = dict.fromkeys(name for row in here for name in row["uses"].split(", ") if name)
         headings = [
             (name, title)
@@ -213,19 +262,17 @@ def concordance(rows):
     return text
 
 
+@cache
 def committed():
-    """{id: row} of the ledger that README.md carries."""
-    block = README.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
-    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in block.strip().splitlines()[2:]]
-    rows = [[cell.strip().replace("\\|", "|") for cell in row] for row in cells]
-    return {row[0]: dict(zip(FIELDS, row, strict=True)) for row in rows}
+    """{id: row} of ledger.json."""
+    return {row["id"]: row for row in json.loads(ROWS.read_text(encoding="utf-8"))}
 
 
 def write(path, rows):
     """Write ledger and concordance to a file, or into their places in README.md, and the rows to
-    ledger.json.
+    ledger.json beside it.
     """
-    path, rows = Path(path), sorted(rows, key=lambda row: position(row["id"]))
+    path = Path(path)
     page = path.read_text(encoding="utf-8") if path.exists() else ""
     if BEGIN not in page:
         page = f"{BEGIN}\n{END}\n\n{PLACES_BEGIN}\n{PLACES_END}\n"

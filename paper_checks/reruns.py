@@ -12,14 +12,15 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-from gbdqn_ref import plots
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.schedule import LABELS
 from gbdqn_ref.stats import (
     bootstrap_interval,
     forgetting,
     iqm,
     mean_std,
-    median_recovery,
     paired_difference,
+    regime_medians,
 )
 
 FOLDER = Path(__file__).with_name("results")
@@ -77,7 +78,7 @@ def table(results, printed):
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
         difference = _difference(final[agent], final["dqn"]) if agent != "dqn" else "0"
         rows.append(
-            [plots.NAMES[agent], paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
+            [AGENTS[agent].label, paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
         )
     return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
@@ -88,7 +89,7 @@ def ingredients():
     for study, (env, preset) in STUDIES.items():
         results = stored(study)
         _, final = _by_agent(results)
-        name = plots.NAMES[env] + (f", {preset}" if preset != "paper" else "")
+        name = LABELS[env] + (f", {preset}" if preset != "paper" else "")
         pairs = [
             _difference(final[added], final[without]) for added, without in INGREDIENTS.values()
         ]
@@ -165,15 +166,10 @@ def _drifts(rows):
     """Area and recovery per drift, the median run's; what is lost of each earlier regime at the
     end, the mean run's.
     """
-    regimes = list(zip(*(run["regimes"][1:] for run in rows), strict=True))
-    known = [[row for row in regime if row["area"] is not None] for regime in regimes]
-    areas = [
-        f"{np.median([row['area'] for row in regime]):.2f}" if regime else "–" for regime in known
-    ]
-    times = [
-        _time(median_recovery([row["recovery"] for row in regime])) if regime else "–"
-        for regime in known
-    ]
+    regimes = zip(*(run["regimes"][1:] for run in rows), strict=True)
+    medians = [regime_medians(regime) for regime in regimes]
+    areas = ["–" if each["area"] is None else f"{each['area']:.2f}" for each in medians]
+    times = ["–" if each["area"] is None else _time(each["recovery"]) for each in medians]
     lost = np.mean([forgetting(run["evaluation"]) for run in rows], axis=0)
     return [", ".join(areas), ", ".join(times), ", ".join(f"{x:.0f}" for x in lost)]
 

@@ -1,26 +1,26 @@
 """What an ensemble costs, counted: forward passes and parameters; and what frozen boosters keep."""
 
+from fractions import Fraction as F
 from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import GAMMA_99, ROOMS, chain, loop
 
 from gbdqn_ref.boosting import Ensemble
 from gbdqn_ref.config import Config
+from gbdqn_ref.dqn import DQN
 from gbdqn_ref.drift import make
 from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.nn import MLP
-from gbdqn_ref.tabular import MDP
 
-BATCH = 8
+BATCH, BOOSTERS = 8, (1, 4, 16)
 
 
-def new_agent(boosters, **reading):
+def agent_with(boosters):
     """GB-DQN with so many frozen boosters, each of which has seen a little."""
-    config = Config(hidden=[8], capacity=50, batch_size=BATCH, **reading)
+    config = Config(hidden=[8], capacity=50, batch_size=BATCH)
     agent = GBDQN(2, 3, config, np.random.default_rng(0))
     for _ in range(boosters + 1):
         for _ in range(10):
@@ -65,29 +65,50 @@ def counted(call):
     verdict="holds if frozen predictions are kept per transition; acting still asks every booster",
     uses="gbdqn.GBDQN.learn, gbdqn.GBDQN.act",
 )
-@pytest.mark.parametrize("boosters", [1, 4, 16])
+@pytest.mark.parametrize("boosters", BOOSTERS)
 def test_an_update_costs_the_same_however_many_boosters_there_are(boosters):
-    """Per sample one forward pass of h_m, one of its target, one backward; an action asks all m + 1
-    networks.
-    """
-    agent = new_agent(boosters)
-    assert counted(agent.learn) == (2 * BATCH, BATCH)
-    state = np.full(2, 0.5, np.float32)  # not yet asked
-    assert counted(lambda: agent.act(state, greedy=True)) == (boosters + 1, 0)
-    assert counted(agent.fold_in)[0] == 2 * len(agent.replay)
+    """Per sample one forward pass of h_m, one of its target, one backward."""
+    forward, backward = (rows / BATCH for rows in counted(agent_with(boosters).learn))
+    assert (forward, backward) == (2, 1)
     shows(
-        "update: 2 forward passes and 1 backward per sample at 1, 4 and 16 boosters, as DQN; an"
-        " action: m + 1"
+        "update: {} forward passes and {} backward per sample at {}, {} and {} boosters",
+        *(forward, backward, *BOOSTERS),
     )
+
+
+@also("M17")
+def test_dqns_update_costs_as_much():
+    """DQN's update has the same passes as that of GB-DQN."""
+    agent = DQN(2, 3, Config(agent="dqn", hidden=[8], batch_size=BATCH), np.random.default_rng(0))
+    for _ in range(BATCH):
+        agent.observe(np.zeros(2, np.float32), 0, -1.0, np.ones(2, np.float32), False)
+    forward, backward = (rows / BATCH for rows in counted(agent.learn))
+    assert (forward, backward) == (2, 1)
+    shows("DQN's update: {} and {}", forward, backward)
+
+
+@also("M17")
+@pytest.mark.parametrize("boosters", BOOSTERS)
+def test_an_action_asks_every_booster(boosters):
+    """In a state not yet asked for, the m frozen networks and the one that learns."""
+    agent, state = agent_with(boosters), np.full(2, 0.5, np.float32)
+    forward, backward = counted(lambda: agent.act(state, greedy=True))
+    assert (forward - boosters, backward) == (1, 0)
+    shows("an action: m + {}", forward - boosters)
+
+
+@pytest.mark.parametrize("boosters", BOOSTERS)
+def test_folding_in_passes_over_the_buffer_once(boosters):
+    """One forward pass for each s and one for each s′ in the buffer."""
+    agent = agent_with(boosters)
+    assert counted(agent.fold_in)[0] == 2 * len(agent.replay)
 
 
 @control("M17")
 @pytest.mark.parametrize("boosters", [1, 4])
 def test_control_without_the_cache_it_grows_with_the_boosters(boosters):
-    """Negative control: asking the ensemble for the batch's s and s′ adds 2 m forward passes per
-    sample.
-    """
-    agent = new_agent(boosters)
+    """Asking the ensemble for the batch's s and s′ adds 2 m forward passes per sample."""
+    agent = agent_with(boosters)
 
     def naive():
         batch = agent.replay.sample(BATCH, agent.rng)
@@ -98,6 +119,17 @@ def test_control_without_the_cache_it_grows_with_the_boosters(boosters):
     assert counted(naive) == ((2 * boosters + 2) * BATCH, BATCH)
 
 
+def parameters(name):
+    """(of the first network, of a booster) on a benchmark with the preset's hidden layers."""
+    env, config = make(name), Config.preset(name)
+    agent = GBDQN(
+        env.observation_space.shape[0], int(env.action_space.n), config, np.random.default_rng(0)
+    )
+    first = agent.theta.size
+    agent.on_drift("drift")
+    return first, agent.theta.size
+
+
 @claim(
     "M18",
     place="section Gradient Boosted DQN",
@@ -106,17 +138,30 @@ def test_control_without_the_cache_it_grows_with_the_boosters(boosters):
     uses="nn.MLP, config.Config.preset",
 )
 def test_a_booster_has_as_many_parameters_as_a_dqn():
-    sizes = {}
-    for name in ("acrobot", "hopper"):
-        env, config = make(name), Config.preset(name)
-        sizes[name] = MLP(
-            (env.observation_space.shape[0], *config.hidden, int(env.action_space.n))
-        ).size
-    assert sizes == {"acrobot": 17_795, "hopper": 70_663}
+    """On Acrobot and on Hopper, the smaller and the larger network of the paper."""
+    acrobot, booster = parameters("acrobot")
+    hopper, hopper_booster = parameters("hopper")
+    assert (acrobot, hopper) == (booster, hopper_booster)
     shows(
-        "17,795 parameters on Acrobot, 70,663 on Hopper, for the first network and for every"
-        " booster"
+        "{} parameters on Acrobot, {} on Hopper, for the first network and for every booster",
+        *(booster, hopper_booster),
     )
+
+
+@control("M18")
+def test_control_one_small_layer_would_be_light():
+    """With one hidden layer of 8 a booster would have under a hundredth of them."""
+    env = make("acrobot")
+    small = MLP((env.observation_space.shape[0], 8, int(env.action_space.n))).size
+    assert 100 * small < parameters("acrobot")[1]
+
+
+def moves(agent, call):
+    """(whether θ_m has moved, whether anything in the ensemble has) in a call."""
+    theta, frozen = agent.theta.copy(), (agent.ensemble.theta.copy(), agent.ensemble.alpha.copy())
+    call()
+    same = map(np.array_equal, frozen, (agent.ensemble.theta, agent.ensemble.alpha))
+    return not np.array_equal(theta, agent.theta), not all(same)
 
 
 @claim(
@@ -127,32 +172,21 @@ def test_a_booster_has_as_many_parameters_as_a_dqn():
     uses="gbdqn.GBDQN.learn, boosting.Ensemble",
 )
 def test_only_the_newest_network_moves():
-    agent = new_agent(3)
-    frozen, alpha, theta = (
-        agent.ensemble.theta.copy(),
-        agent.ensemble.alpha.copy(),
-        agent.theta.copy(),
+    """Five updates move its parameters, and no bit of the frozen ones."""
+    agent, updates = agent_with(3), 5
+    assert moves(agent, lambda: [agent.learn() for _ in range(updates)]) == (True, False)
+    frozen = len(agent.ensemble)
+    shows(
+        "{} updates with {} frozen boosters: θ_{} moves, θ_1 to θ_{} stay to the bit",
+        *(updates, frozen, frozen + 1, frozen),
     )
-    for _ in range(5):
-        agent.learn()
-    assert (agent.ensemble.theta == frozen).all() and (agent.ensemble.alpha == alpha).all()
-    assert (agent.theta != theta).any()
-    shows("five updates with three frozen boosters: θ_4 moves, θ_1 to θ_3 stay to the bit")
 
 
-@control("M18", "M19")
-def test_control_a_smaller_booster_would_be_light_and_a_fold_moves_the_ensemble():
-    """Negative control: one hidden layer of 8 has 83 parameters here, and folding in is seen in
-    θ.
-    """
-    assert MLP((6, 8, 3)).size == 83
-    agent = new_agent(1)
-    agent.fold_in()
-    assert len(agent.ensemble) == 2
-
-
-def loop(reward, gamma=0.99):
-    return MDP(np.ones((1, 1, 1)), np.array([[float(reward)]]), gamma)
+@control("M19")
+def test_control_a_drift_changes_the_ensemble():
+    """Folding in is seen in its parameters."""
+    agent = agent_with(1)
+    assert moves(agent, agent.fold_in) == (False, True)
 
 
 @claim(
@@ -165,29 +199,33 @@ def loop(reward, gamma=0.99):
     ),
     uses="gbdqn.GBDQN, tabular.MDP.q_star",
 )
-def test_what_was_known_is_kept_and_no_longer_said():
-    """One loop, r 0 → 1 → 0, perfect adaptation: Q = 0, then 100; at the reset nothing is removed,
-    and 100 stays.
+def test_what_was_known_is_kept():
+    """A reset adds nothing, takes nothing away, and moves no parameter."""
+    agent = agent_with(2)
+    assert moves(agent, lambda: agent.on_drift("reset")) == (False, False)
+    shows("at a reset no parameter moves")
+
+
+@also("M20")
+def test_what_was_known_is_no_longer_said():
+    """One loop whose reward goes from 0 to 1 and back, perfect adaptation: at the reset Q is that
+    of the drifted loop.
     """
-    drifted, stock = loop(1), loop(0)
-    frozen_error = np.abs(drifted.q_star() - stock.q_star()).max()  # of Q_m at the reset
-    assert frozen_error == pytest.approx(100)
-    agent = new_agent(2)
-    before = len(agent.ensemble)
-    agent.on_drift("reset")
-    assert len(agent.ensemble) == before  # nothing is added there, and nothing taken away
+    drifted, stock = loop(1, GAMMA_99), loop(0, GAMMA_99)
+    Q = drifted.bellman(np.full((1, 1), 1 / (1 - GAMMA_99)))
+    assert drifted.residual(Q) == 0
+    off = abs(Q - stock.q_star()).max()
+    assert off == 1 / (1 - GAMMA_99)
     shows(
-        "r 0 → 1 → 0 at γ = 0.99: no parameter has moved, and Q is 100 off when the old physics"
-        " return"
+        "r {} → {} → {} at γ = {:g}: Q is {:g} off when the old physics return",
+        *(stock.r, drifted.r, stock.r, GAMMA_99, off),
     )
 
 
 @control("M20")
 def test_control_the_first_stage_still_knows():
-    """Negative control: the knowledge is in the ensemble: its first stage answers as on the day it
-    was frozen.
-    """
-    agent = new_agent(0)
+    """The first stage of the ensemble answers as on the day it was frozen, where Q does not."""
+    agent = agent_with(0)
     x = np.ones((1, 2), np.float32)
     first = agent.q(x)
     agent.on_drift("drift")
@@ -196,6 +234,17 @@ def test_control_the_first_stage_still_knows():
     agent.on_drift("drift")
     np.testing.assert_allclose(agent.staged_q(x)[0], first, atol=1e-6)
     assert not np.allclose(agent.q(x), first, atol=1e-6)
+
+
+def planned(Q, boosters):
+    """Q after so many exact boosters, on ten rooms in a row: −1 a step, the last room is the
+    goal.
+    """
+    rewards = np.full((ROOMS, 2), F(-1))
+    rewards[-1] = F(0)
+    for _ in range(boosters):
+        Q = chain(rewards).bellman(Q)
+    return Q
 
 
 @claim(
@@ -208,31 +257,24 @@ def test_control_the_first_stage_still_knows():
     ),
     uses="boosting.Ensemble.q, tabular.MDP.bellman",
 )
-@given(st.integers(0, 10**6))
-def test_from_nothing_m_boosters_plan_m_steps(seed):
-    """A chain of ten states, −1 a step, the last one the goal: after four boosters all from five
-    steps on are alike.
-    """
-    P = np.zeros((10, 2, 10))
-    for s in range(9):
-        P[s, 0, max(s - 1, 0)] = P[s, 1, s + 1] = 1
-    P[9, :, 9] = 1
-    chain = MDP(P, np.where(np.arange(10)[:, None] == 9, 0.0, -1.0) * np.ones((1, 2)), 0.99)
-    net = MLP((3, 4, 2))
-    Q = Ensemble(net).q(np.random.default_rng(seed).normal(size=(10, 3)).astype(np.float32))
-    assert not Q.any()
-    for _ in range(4):
-        Q = chain.bellman(Q)
-    np.testing.assert_allclose(Q[:5], -(1 - 0.99**4) / 0.01, atol=1e-6)
-    assert (Q[:5, 0] == Q[:5, 1]).all() and Q[8, 1] > Q[8, 0]
+def test_from_nothing_m_boosters_plan_m_steps():
+    """The rooms from which the goal is m steps away or more are all alike, with either action."""
+    nothing = Ensemble(MLP((3, 4, 2))).q(np.zeros((ROOMS, 3), np.float32))
+    boosters = 4
+    Q = planned(nothing.astype(int), boosters)
+    far = (Q[:-1, 0] == Q[:-1, 1]).sum()
+    assert far == ROOMS - boosters
+    assert (Q[:far] == -(1 - GAMMA_99**boosters) / (1 - GAMMA_99)).all()
     shows(
-        "−1 a step, ten states: after 4 boosters the five farthest have Q = (−3.9404, −3.9404), no"
-        " action preferred"
+        "−1 a step, {} states: after {} boosters the {} farthest have Q = ({:.4f}), no action"
+        " preferred",
+        *(ROOMS, boosters, far, Q[0]),
     )
 
 
 @control("M21")
-def test_control_from_a_trained_network_the_far_states_know_their_way():
-    """Negative control: from Q* one more backup changes nothing, however far the goal is."""
-    mdp = loop(1)
-    np.testing.assert_allclose(mdp.bellman(mdp.q_star()), mdp.q_star(), atol=1e-9)
+def test_control_from_an_ensemble_that_knows_the_way_every_state_has_a_preference():
+    """With Q_1 = Q* instead of 0 the same boosters leave right the better action in every room."""
+    optimal = planned(np.full((ROOMS, 2), F(0)), ROOMS)
+    Q = planned(optimal, 4)
+    assert (Q[:-1, 1] > Q[:-1, 0]).all()

@@ -10,11 +10,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import (
+    exact,
+    filled,
+    loop,
+    normalise,
+    one_hot_agent,
+    row,
+    with_errors,
+)
 
 from gbdqn_ref.bellman import loss_gradient, td_target
 from gbdqn_ref.drift import make
-from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.replay import (
     ProportionalReplay,
     RecencyReplay,
@@ -24,28 +32,6 @@ from gbdqn_ref.replay import (
     time_priority,
 )
 from gbdqn_ref.tabular import MDP
-from gbdqn_ref.train import Config
-
-
-def exact(*values):
-    return np.array([F(value) for value in values])
-
-
-def normalise(p):
-    return p / p.sum()
-
-
-def filled(replay, rewards):
-    """The replay after a loop of one state and one action has paid these rewards."""
-    for reward in rewards:
-        replay.add(0.0, 0, reward, 0.0, False)
-    return replay
-
-
-def loop(reward):
-    """One state, one action that stays in it: Q* = 10 · reward."""
-    return MDP(np.array([[[F(1)]]]), np.array([[F(reward)]]), F(9, 10))
-
 
 # What off-policy learning excuses
 
@@ -75,17 +61,18 @@ def test_the_mean_target_of_a_pair_is_its_backup_whatever_the_behaviour(seed):
         mdp.gamma,
     )
     assert ((seen * y).sum(-1) / seen.sum(-1) == mdp.bellman(Q)).all()
-    shows("E[y | s, a] = (𝒯Q)(s, a) exactly, random MDPs and visits of 3 states and 2 actions")
+    shows(
+        "E[y | s, a] = (𝒯Q)(s, a) exactly, random MDPs and visits of {} states and {} actions",
+        *Q.shape,
+    )
 
 
 @control("R1")
 def test_control_two_steps_do_depend_on_the_behaviour():
-    """Negative control: rewards (0, 1) on a loop; two steps from a₀ give 0 or ½ as the next action
-    is a₀ or a₁.
-    """
+    """On a loop with rewards (0, 1), two steps from a₀ differ with the action that comes next."""
     gamma, rewards = F(1, 2), exact(0, 1)
     y = td_target(rewards[0] + gamma * rewards, np.zeros(2, bool), np.full((2, 2), F(0)), gamma**2)
-    assert y.tolist() == [0, F(1, 2)]
+    assert y[0] != y[1]
 
 
 def fitted(replay, y):
@@ -95,26 +82,13 @@ def fitted(replay, y):
     return float(weight @ y / weight.sum())
 
 
-def backup_of_the_buffer(rewards, Q):
-    replay = filled(ProportionalReplay(len(rewards), 1), rewards)
-    return fitted(
-        replay, td_target(replay.r, replay.terminated, np.full((len(rewards), 1), Q), 0.9)
-    )
-
-
-def fitted_to_a_lottery(is_exponent, rewards=(0,) * 9 + (10,)):
-    """A step that ends the episode and pays 0 nine times in ten, else 10; Q_{m−1} = 0, so δ is the
-    reward.
-    """
-    replay = filled(ProportionalReplay(10, 1, is_exponent=is_exponent), rewards)
-    replay.update_priorities(np.arange(10), replay.r)
-    return fitted(replay, replay.r)
-
-
-def mean_of_the_largest(noise, actions):
-    """The mean target where Q̄(s′, ·) is 0 but for noise, independent for each action."""
-    q = np.array(np.meshgrid(*[exact(*noise)] * actions)).reshape(actions, -1).T
-    return td_target(np.full(len(q), F(0)), np.zeros(len(q), bool), q, F(1, 2)).mean()
+def fixed_point_of_the_buffer(rewards, backups=200):
+    """The Q of the loop that fitting the buffer again and again ends at, from 0."""
+    replay, Q = filled(ProportionalReplay(len(rewards), 1), rewards), 0.0
+    for _ in range(backups):
+        q_next = np.full((len(rewards), 1), Q)
+        Q = fitted(replay, td_target(replay.r, replay.terminated, q_next, 0.9))
+    return Q
 
 
 @claim(
@@ -127,34 +101,77 @@ def mean_of_the_largest(noise, actions):
     ),
     uses="replay.ProportionalReplay, bellman.td_target, tabular.MDP.bellman",
 )
-def test_off_policy_is_not_unbiased():
-    """Three biases of different kinds.
+def test_old_physics_bias_the_fixed_point():
+    """Half of the buffer is from before a drift of the reward from 0 to 1."""
+    half_old, right = fixed_point_of_the_buffer([0, 1]), loop(1, F(9, 10)).q_star().item()
+    assert half_old == pytest.approx(right / 2)
+    shows("half old: {:.3g} for {:.3g}", half_old, right)
 
-    Half of the buffer is from before a drift of the reward from 0 to 1: its fixed point is 5, and
-    Q*_new = 10. The δ of Q_{m−1} = 0 draws the lucky outcomes of a lottery. The target's max takes
-    the lucky one of two noises ±1.
+
+def fitted_to_a_lottery(is_exponent, rewards=(0,) * 9 + (10,)):
+    """A step that ends the episode and pays 0 nine times in ten, else 10; Q_{m−1} = 0, so δ is the
+    reward.
     """
-    assert backup_of_the_buffer([0, 1], 5.0) == pytest.approx(5)
-    assert loop(1).bellman(np.array([[F(10)]])) == 10
-    lottery = [fitted_to_a_lottery(is_exponent) for is_exponent in (0, 0.5)]
-    assert lottery == pytest.approx([8.752, 4.689], abs=5e-4)
-    assert mean_of_the_largest((1, -1), 2) == F(1, 2) * F(1, 2)
-    shows(
-        f"half old: 5 for 10; lottery of mean 1: {lottery[0]:.3f}, with IS ½ {lottery[1]:.3f};"
-        " noise ±1: γ/2 for 0"
-    )
+    replay = ProportionalReplay(len(rewards), 1, is_exponent=is_exponent)
+    filled(replay, rewards).update_priorities(np.arange(len(rewards)), replay.r)
+    return fitted(replay, replay.r), np.mean(rewards)
+
+
+@also("R2")
+def test_draws_by_error_favour_the_lucky_outcomes():
+    """The δ of Q_{m−1} = 0 draws them more, and only full importance weights undo it."""
+    exponent = 0.5
+    (plain, mean), (half, _) = fitted_to_a_lottery(0), fitted_to_a_lottery(exponent)
+    assert plain > half > 4 * mean
+    shows("lottery of mean {}: {:.3f}, with IS {:/} {:.3f}", mean, plain, exponent, half)
+
+
+def mean_of_the_largest(noise, actions):
+    """(γ, the mean target where Q̄(s′, ·) is 0 but for noise, independent for each action)."""
+    gamma = F(1, 2)
+    q = np.array(np.meshgrid(*[exact(*noise)] * actions)).reshape(actions, -1).T
+    y = td_target(np.full(len(q), F(0)), np.zeros(len(q), bool), q, gamma)
+    return gamma, y.mean()
+
+
+@also("R2")
+def test_the_maximum_takes_the_lucky_noise():
+    """Of two noises ±1 the larger one has mean ½."""
+    noise = exact(1, -1)
+    gamma, mean = mean_of_the_largest(noise, 2)
+    assert mean == gamma / 2 > noise.mean()
+    shows("noise ±{}: γ/{} for {}", noise[0], gamma / mean, noise.mean())
 
 
 @control("R2")
-def test_control_without_drift_draws_by_outcome_or_choice_it_is_unbiased():
-    """Negative control: take each cause away and its bias is gone."""
-    assert backup_of_the_buffer([1, 1], 10.0) == pytest.approx(10)
-    assert fitted_to_a_lottery(1) == pytest.approx(1)
-    assert fitted_to_a_lottery(0, rewards=(1,) * 10) == pytest.approx(1)
-    assert mean_of_the_largest((1, -1), 1) == mean_of_the_largest((0,), 2) == 0
+def test_control_without_drift_the_fixed_point_is_right():
+    """All of the buffer is from the new physics."""
+    assert fixed_point_of_the_buffer([1, 1]) == pytest.approx(loop(1, F(9, 10)).q_star().item())
+
+
+@control("R2")
+@pytest.mark.parametrize(
+    "lottery", [(1.0,), (0.0, (1,) * 10)], ids=["full weights", "certain outcome"]
+)
+def test_control_with_full_weights_or_one_outcome_the_fit_is_the_mean(lottery):
+    """Full importance weights undo the draws, and equal outcomes are drawn alike."""
+    fit, mean = fitted_to_a_lottery(*lottery)
+    assert fit == pytest.approx(mean)
+
+
+@control("R2")
+@pytest.mark.parametrize(("noise", "actions"), [((1, -1), 1), ((0,), 2)])
+def test_control_without_choice_or_noise_the_target_is_unbiased(noise, actions):
+    """One action leaves nothing to choose, and without noise all are alike."""
+    assert mean_of_the_largest(noise, actions)[1] == 0
 
 
 # Whom the priorities favour
+
+
+def drawn(delta, **settings):
+    """P of transitions with these TD errors under proportional replay."""
+    return with_errors(ProportionalReplay(len(delta), 1, **settings), delta).probabilities()
 
 
 @claim(
@@ -165,26 +182,31 @@ def test_control_without_drift_draws_by_outcome_or_choice_it_is_unbiased():
     uses="replay.ProportionalReplay, replay.td_priority",
 )
 @given(st.floats(0, 100), st.floats(0.01, 100), st.floats(0.1, 2))
-def test_the_worse_predicted_is_drawn_more(small, more, exponent):
-    """The same section says so a paragraph later, where it favours high TD errors."""
+def test_the_priority_rises_with_the_error(small, more, exponent):
+    """Whatever its sign; the same section says so a paragraph later."""
     well, badly = td_priority(np.array([small, -small - more]), 0.01, exponent)
     assert well < badly
-    replay = filled(ProportionalReplay(2, 1), [0, 0])
-    replay.update_priorities(np.arange(2), [0.0, 1.0])
-    P = replay.probabilities()
-    assert pytest.approx([0.059, 0.941], abs=5e-4) == P
-    shows(f"δ = (0, 1), ε = 0.01, exponent 0.6: drawn with {P[0]:.3f} and {P[1]:.3f}")
+    shows("p^TD rises with |δ|")
+
+
+@also("R3")
+def test_the_worse_predicted_is_drawn_more():
+    """With the package's offset and exponent."""
+    delta, offset, exponent = (0.0, 1.0), 0.01, 0.6
+    P = drawn(delta, priority_offset=offset, priority_exponent=exponent)
+    assert P[1] > 10 * P[0]
+    shows(
+        "δ = ({}), ε = {}, exponent {}: drawn with {:.3f} and {:.3f}",
+        *(delta, offset, exponent, *P),
+    )
 
 
 @control("R3")
-def test_control_a_negative_exponent_would_emphasise_them():
-    """Negative control: with the exponent's sign turned round the well-predicted one is drawn more,
-    with 0 neither.
-    """
-    replay = filled(ProportionalReplay(2, 1, priority_exponent=-0.6), [0, 0])
-    replay.update_priorities(np.arange(2), [0.0, 1.0])
-    assert replay.probabilities() == pytest.approx([0.941, 0.059], abs=5e-4)
-    assert td_priority(np.array([0.0, 1.0]), 0.01, 0.0).tolist() == [1, 1]
+@pytest.mark.parametrize(("exponent", "sign"), [(-0.6, 1), (0.0, 0)])
+def test_control_with_another_exponent_it_would_not_be(exponent, sign):
+    """A negative one favours the well-predicted transition, and 0 neither."""
+    P = drawn((0.0, 1.0), priority_exponent=exponent)
+    assert np.sign(P[0] - P[1]) == sign
 
 
 OLD, NEW, RATE = 10_000, 1_000, 0.01
@@ -209,31 +231,26 @@ def stale_mass(Q, mix):
     uses="replay.RecencyReplay, bellman.td_target, tabular.MDP",
 )
 def test_the_old_data_have_no_error_until_q_has_adapted():
-    """The loop's reward drifts from 0 to 1, so Q* from 0 to 10; 10,000 old transitions and 1,000
-    new ones.
-
-    Q*_old fits the old transitions without error in whatever deterministic MDP. Priorities by |δ|
-    then help, and hurt as soon as Q has learnt: with the paper's mixture half-half the old data
-    have nearly all of the draws.
+    """The loop's reward drifts from 0 to 1. Priorities by |δ| help before Q has adapted and hurt
+    afterwards, when the old data have nearly all of the draws.
     """
-    assert loop(0).residual(np.array([[F(0)]])) == loop(1).residual(np.array([[F(10)]])) == 0
-    old, new, before = stale_mass(0.0, mix=0.5)
-    assert (old, new) == (0, 1)
-    old, new, after = stale_mass(10.0, mix=0.5)
-    assert (old, new) == pytest.approx((1, 0))
-    assert (before, after) == pytest.approx((0.363, 0.984), abs=5e-4)
+    mix, q_old, q_new = 0.5, 0, 10
+    assert loop(0, F(9, 10)).residual(row(q_old)) == loop(1, F(9, 10)).residual(row(q_new)) == 0
+    old, new, before = stale_mass(q_old, mix)
+    later_old, later_new, after = stale_mass(q_new, mix)
+    assert (old, new, later_old) == (0, 1, 1) and later_new == pytest.approx(0, abs=1e-9)
+    assert before < 0.5 < 0.9 < after
     shows(
-        f"|δ| of 10,000 old, 1,000 new: 0, 1, later 1, 0; β = ½: the old have {before:.3f} of"
-        f" draws, later {after:.3f}"
+        "|δ| of {} old, {} new: {}, {}, later {}, {:.0f}; β = {:/}: the old have {:.3f} of draws,"
+        " later {:.3f}",
+        *(OLD, NEW, old, new, later_old, later_new, mix, before, after),
     )
 
 
 @control("R4")
 @pytest.mark.parametrize("Q", [0.0, 10.0])
 def test_control_recency_alone_prefers_the_new_data_whatever_q_is(Q):
-    """Negative control: without the TD part the old data have e^{−10} of the draws, before as
-    after.
-    """
+    """Without the TD part the old data have e^{−10} of the draws, before as after."""
     assert stale_mass(Q, mix=0)[2] == pytest.approx(np.exp(-RATE * NEW), rel=1e-6)
 
 
@@ -244,24 +261,32 @@ def agent_with_one_transition(target):
     """A GB-DQN at its second learner, whose buffer holds one transition: r = 3 on a loop, Q_{m−1} =
     about 1.
     """
-    config = Config(
-        agent="gbdqn",
-        hidden=(),
+    agent = one_hot_agent(
+        states=1,
+        actions=1,
+        replay="recency",
         capacity=1,
         batch_size=1,
         gamma=0.0,
         lr=0.05,
+        tau=0.01,
         target=target,
         loss_on="h",
         alpha=1.0,
     )
-    agent, s = GBDQN(1, 1, config, np.random.default_rng(0)), np.ones(1, np.float32)
+    s = np.ones(1, np.float32)
     agent.observe(s, 0, 1.0, s, False)
     for _ in range(300):
         agent.learn()
     agent.on_drift("drift")
     agent.observe(s, 0, 3.0, s, False)
     return agent
+
+
+def deltas(target, updates):
+    """δ before each of so many updates."""
+    agent = agent_with_one_transition(target)
+    return [float(agent.learn()[0]) for _ in range(updates)]
 
 
 @claim(
@@ -275,23 +300,20 @@ def agent_with_one_transition(target):
     uses="gbdqn.GBDQN, replay.td_priority, bellman.loss_gradient",
 )
 def test_the_td_error_stands_still_while_the_booster_learns():
-    """Once Q̄_{m−1} is Q_{m−1}, nothing in δ moves until the next booster; what is learnt is still
-    drawn.
-
-    Residuals (5, 1), h = (5, 0): the first is learnt, and with exponent 1 and ε = 0 has five of six
-    draws.
-    """
-    agent = agent_with_one_transition("frozen")
-    delta = [float(agent.learn()[0]) for _ in range(500)]
+    """Nothing in it moves until the next booster."""
+    delta = deltas("frozen", 500)
     assert set(delta) == {delta[0]} and delta[0] == pytest.approx(2, abs=0.01)
+    shows("{} updates leave δ the same to the bit", len(delta))
+
+
+@also("R5")
+def test_what_is_learnt_is_still_drawn():
+    """The booster fits the larger residual exactly, which still has the higher priority."""
     residual, h = exact(5, 1), exact(5, 0)
-    gradient = loss_gradient(residual - h, exact(1, 1), np.zeros(2, int), 1)
-    assert gradient.ravel().tolist() == [0, F(-1, 2)]
-    assert normalise(td_priority(residual, 0, 1)).tolist() == [F(5, 6), F(1, 6)]
-    shows(
-        "500 updates leave δ the same to the bit; residuals (5, 1), h = (5, 0): P = (5/6, 1/6),"
-        " gradients 0 and −½"
-    )
+    gradient = loss_gradient(residual - h, exact(1, 1), np.zeros(2, int), 1).ravel()
+    P = normalise(td_priority(residual, 0, 1))
+    assert gradient[0] == 0 != gradient[1] and P[0] > P[1]
+    shows("residuals ({}), h = ({}): P = ({}), gradients {} and {:/}", residual, h, P, *gradient)
 
 
 @claim(
@@ -303,26 +325,21 @@ def test_the_td_error_stands_still_while_the_booster_learns():
 )
 def test_before_or_after_the_step_is_all_one():
     """The second δ is what the first would have been after its step."""
-    agent = agent_with_one_transition("frozen")
-    before, after = agent.learn(), agent.learn()
+    before, after = deltas("frozen", 2)
     assert before == after
     shows("frozen target: δ before the step is δ after it, to the bit")
 
 
 @control("R5", "R14")
 def test_control_with_a_live_target_the_td_error_moves():
-    """Negative control: where h_m counts at once, each step changes δ, and learning takes it to
-    0.
-    """
-    agent = agent_with_one_transition("live")
-    before, after = agent.learn(), agent.learn()
-    assert before > after + 0.01
-    for _ in range(500):
-        last = agent.learn()
-    assert abs(last) < 0.01
+    """Where h_m counts at once, each step changes δ, and learning takes it to 0."""
+    delta = deltas("live", 500)
+    assert delta[0] > delta[1] + 0.01
+    assert abs(delta[-1]) < 0.01
 
 
-magnitudes = st.one_of(st.just(0.0), st.floats(1e-300, 1e300))
+LARGEST = 1e300
+magnitudes = st.one_of(st.just(0.0), st.floats(1 / LARGEST, LARGEST))
 
 
 @claim(
@@ -334,23 +351,22 @@ magnitudes = st.one_of(st.just(0.0), st.floats(1e-300, 1e300))
 )
 @given(magnitudes, magnitudes, st.floats(1e-3, 1), st.floats(0.1, 1))
 def test_the_td_priority(one, other, offset, exponent):
-    """It is at least ε^γ, even and nondecreasing, from δ = 0 to 10^±300."""
+    """It is at least ε^γ, even and nondecreasing, over the whole range of floats."""
     small, large = sorted((one, other))
     p = td_priority(np.array([0.0, small, large, -large]), offset, exponent)
     assert 0 < offset**exponent == pytest.approx(p[0])
     assert (np.diff(p[:3]) >= -1e-12 * p[:2]).all()
     assert p[2] == p[3] < np.inf
-    shows("at least ε^γ, even and nondecreasing in |δ|, from 0 to 10^±300")
+    shows(
+        "at least ε^γ, even and nondecreasing in |δ|, for 0 and from {:g} to {:g}",
+        *(1 / LARGEST, LARGEST),
+    )
 
 
 @control("R6")
 def test_control_without_an_offset_a_transition_is_never_drawn_again():
-    """Negative control: ε = 0 and δ = 0 give P = 0, and what is never drawn has its δ never
-    computed again.
-    """
-    replay = filled(ProportionalReplay(2, 1, priority_offset=0.0), [0, 0])
-    replay.update_priorities(np.arange(2), [0.0, 1.0])
-    assert replay.probabilities().tolist() == [0, 1]
+    """ε = 0 and δ = 0 give P = 0, and what is never drawn has its δ never computed again."""
+    assert drawn((0.0, 1.0), priority_offset=0.0).tolist() == [0, 1]
 
 
 @claim(
@@ -362,29 +378,38 @@ def test_control_without_an_offset_a_transition_is_never_drawn_again():
 )
 @given(st.lists(st.fractions(-100, 100), min_size=1, max_size=6).filter(any))
 def test_per_is_proportional_to_the_td_error(delta):
+    """P Σ |δ| = |δ|, in fractions."""
     delta = exact(*delta)
     P = normalise(td_priority(delta, 0, 1))
     assert (P * abs(delta).sum() == abs(delta)).all()
+    shows("P = |δ| / Σ |δ| exactly")
+
+
+def draws_of_twice_the_error(offset, exponent):
+    """How many times the draws twice the |δ| has."""
+    two, one = td_priority(np.array([2.0, 1.0]), offset, exponent)
+    return two / one
+
+
+@also("R7")
+def test_with_the_usual_constants_it_is_not():
+    """An offset and an exponent below 1 both bend it."""
+    offset, exponent = 0.01, 0.6
+    ratio = draws_of_twice_the_error(offset, exponent)
+    assert 1 < ratio < 2
     shows(
-        "P = |δ| / Σ |δ| exactly; with ε = 0.01 and exponent 0.6 twice the |δ| has 1.51 times the"
-        " draws"
+        "with ε = {} and exponent {} twice the |δ| has {:.2f} times the draws",
+        *(offset, exponent, ratio),
     )
 
 
 @control("R7")
-def test_control_an_offset_or_an_exponent_bends_it():
-    """Negative control: |δ| = (2, 1) are not drawn 2 : 1 with the usual offset and exponent, nor
-    with either alone.
-    """
-
-    def ratio(offset, exponent):
-        two, one = td_priority(np.array([2.0, 1.0]), offset, exponent)
-        return two / one
-
-    assert ratio(0, 1) == 2
-    assert [ratio(0.01, 1), ratio(0, 0.6), ratio(0.01, 0.6)] == pytest.approx(
-        [1.990, 1.516, 1.511], abs=5e-4
-    )
+@pytest.mark.parametrize(
+    ("offset", "exponent", "ratio"), [(0, 1, 2), (0.01, 1, 1.99), (0, 0.6, 1.516)]
+)
+def test_control_an_offset_or_an_exponent_bends_it(offset, exponent, ratio):
+    """Each alone; with neither twice the |δ| has twice the draws."""
+    assert draws_of_twice_the_error(offset, exponent) == pytest.approx(ratio, abs=5e-4)
 
 
 # The clock and its rate
@@ -409,26 +434,36 @@ def test_the_time_priority_with_a_clock_of_the_whole_run(added, capacity, rate):
     assert age.tolist() == list(range(len(replay)))
     p = time_priority(age, rate)
     assert p[0] == 1 and (p > 0).all() and (np.diff(p) < 0).all()
-    literal = time_priority(1 - 500, 0.01)
-    assert literal == pytest.approx(146.94, abs=5e-3)
-    shows(
-        f"with age = transitions added since; to the letter step 500 has {literal:.1f} at the next"
-        " T = 1, α = 0.01"
-    )
+    shows("with age = transitions added since")
+
+
+def by_the_step_within_the_episode(steps, now, rate=0.01):
+    """p^time to the letter, with t the step within the episode."""
+    return time_priority(now - np.array(steps), rate)
+
+
+@also("R8")
+def test_to_the_letter_an_old_step_is_above_1():
+    """The last step of a long episode, when the next one begins."""
+    last, now, rate = 500, 1, 0.01
+    literal = by_the_step_within_the_episode([last], now, rate)[0]
+    assert literal > 1
+    shows("to the letter step {} has {:.1f} at the next T = {}, α = {}", last, literal, now, rate)
 
 
 @control("R8")
 def test_control_by_the_step_within_the_episode_the_order_is_wrong():
-    """Negative control: an episode of 3 steps and 2 of the next, T = 2: the last episode's step 3
-    is above the newest.
-
-    And were p stored when its transition comes, as Algorithm 1 has it, T = t and every p^time is 1:
-    no recency at all.
+    """After an episode of 3 steps and 2 of the next, the last step of the first is above the
+    newest.
     """
-    t = np.array([1, 2, 3, 1, 2])
-    p = time_priority(t[-1] - t, 0.01)
+    p = by_the_step_within_the_episode([1, 2, 3, 1, 2], now=2)
     assert p.argmax() == 2 and p[2] > p[-1] == 1
-    assert time_priority(t - t, 0.01).tolist() == [1] * 5
+
+
+@control("R8")
+def test_control_stored_as_it_comes_there_is_no_recency():
+    """Were p stored when its transition comes, as in Algorithm 1, every p^time is 1."""
+    assert {by_the_step_within_the_episode([t], now=t)[0] for t in range(1, 6)} == {1}
 
 
 def mass_on_the_newest(k, n, mix, rate):
@@ -447,36 +482,35 @@ def mass_on_the_newest(k, n, mix, rate):
     uses="replay.mixed_priority, replay.RecencyReplay.probabilities",
 )
 def test_a_larger_rate_can_mean_less_recency():
-    """A larger α makes S_time smaller, and with it recency's share of the draws.
-
-    Three transitions of equal |δ|, β = ½, x = e^{−α}: the newest two have (3 + x)/(4 + x + x²),
-    most at x = √10 − 3. Two transitions will not do: the newest has (p₁ + 1)/(p₁ + 1 + p₂ + x),
-    which falls with x.
+    """Three transitions of equal |δ|: as e^{−α} falls, the newest two first get more of the draws
+    and then less.
     """
+    mix, factors = F(1, 2), [F(1), F(1, 6), F(1, 10)]
     mass = []
-    for x in (F(1), F(1, 6), F(1, 10)):
-        P = normalise(
-            mixed_priority(td_priority(exact(1, 1, 1), 0, 1), np.array([1, x, x * x]), F(1, 2))
-        )
+    for x in factors:
+        tau = exact(1, x, x * x)
+        P = normalise(mixed_priority(td_priority(exact(1, 1, 1), 0, 1), tau, mix))
         mass.append(P[:2].sum())
-    assert mass == [F(2, 3), F(114, 151), F(310, 411)]
-    assert mass[2] < mass[1]
-    of_1000 = [mass_on_the_newest(10, 1000, 0.5, rate) for rate in (0.001, 0.1, 10)]
-    assert of_1000 == pytest.approx([0.01222, 0.01647, 0.01099], abs=5e-6)
+    assert mass[1] > mass[0] and mass[1] > mass[2]
     shows(
-        "N = 3, β = ½: e^{−α} = 1/6 gives the newest 2 114/151, 1/10 gives 310/411, which is less"
+        "N = {}, β = {}: e^{{−α}} = {} gives the newest 2 {}, {} gives {}, which is less",
+        *(len(tau), mix, factors[1], mass[1], factors[2], mass[2]),
     )
+
+
+@also("R9")
+def test_in_a_buffer_of_1000_too():
+    """The share of the newest 10 rises with the rate, and falls again."""
+    n, newest, rates = 1000, 10, (0.001, 0.1, 10)
+    mass = [mass_on_the_newest(newest, n, 0.5, rate) for rate in rates]
+    assert mass[1] > mass[0] and mass[1] > mass[2]
+    shows("N = {}: α = {}, {} and {} give the newest {} {:.5f}", n, *rates, newest, mass)
 
 
 @control("R9")
 @given(st.integers(1, 30), st.integers(1, 30), st.floats(0, 5), st.floats(0, 5))
 def test_control_pure_recency_does_as_it_says(k, more, rate, faster):
-    """Negative control: at β = 0 the newest k have (1 − x^k)/(1 − x^N), x = e^{−α}, which rises
-    with α.
-
-    Against the rest they stand as Σ_{i<k} x^{i−k} to Σ_{i≥k} x^{i−k}: as x falls, only the first
-    sum rises.
-    """
+    """At β = 0 the newest k have (1 − x^k)/(1 − x^N), x = e^{−α}, which rises with α."""
     mass, faster_mass = (mass_on_the_newest(k, k + more, 0, r) for r in (rate, rate + faster))
     assert mass <= faster_mass + 1e-12
 
@@ -498,42 +532,34 @@ def test_control_pure_recency_does_as_it_says(k, more, rate, faster):
 def test_the_probabilities_sum_to_1(n, seed, mix, rate):
     """Also at β = 0 with a rate at which every p^time but the newest underflows to 0."""
     replay = filled(RecencyReplay(20, 1, mix=mix, recency_rate=rate), [0] * n)
-    replay.update_priorities(
-        np.arange(len(replay)), np.random.default_rng(seed).normal(size=len(replay))
-    )
+    delta = np.random.default_rng(seed).normal(size=len(replay))
+    replay.update_priorities(np.arange(len(replay)), delta)
     P = replay.probabilities()
     assert (P >= 0).all() and P.sum() == pytest.approx(1)
     shows("random buffers, mixes and rates; β = 1, ε = 0 and δ = 0 everywhere is 0/0")
 
 
+def without_errors(mix):
+    """A buffer with ε = 0 and no error anywhere."""
+    return with_errors(RecencyReplay(3, 1, mix=mix, priority_offset=0.0), np.zeros(3))
+
+
 @control("R11")
 def test_control_all_zero_is_no_distribution():
-    """Negative control: with β = 1, ε = 0 and no error anywhere Eq. 11 reads 0/0, and recency does
-    away with that.
-    """
-    replay = filled(RecencyReplay(3, 1, mix=1.0, priority_offset=0.0), [0] * 3)
-    replay.update_priorities(np.arange(3), np.zeros(3))
+    """With β = 1 Eq. 11 reads 0/0 there."""
     with pytest.raises(ValueError, match="every priority is 0"):
-        replay.probabilities()
-    replay.mix = 0.99
-    assert replay.probabilities().sum() == pytest.approx(1)
+        without_errors(mix=1.0).probabilities()
+
+
+@control("R11")
+def test_control_a_little_recency_is_enough():
+    """With β = 0.99 the newest has p^time = 1."""
+    assert without_errors(mix=0.99).probabilities().sum() == pytest.approx(1)
 
 
 def with_a_new_one(replay, old_deltas):
     """The replay with transitions of these TD errors, and one that is new, in the last slot."""
-    n = len(old_deltas)
-    filled(replay, [0] * n).update_priorities(np.arange(n), np.array(old_deltas))
-    return filled(replay, [0])
-
-
-def part_of_the_new_one(own_delta=None):
-    """P of a new transition beside one of |δ| = 1, as it enters or after its own TD error has been
-    noted.
-    """
-    replay = with_a_new_one(ProportionalReplay(2, 1), [1.0])
-    if own_delta is not None:
-        replay.update_priorities(np.array([1]), np.array([own_delta]))
-    return replay.probabilities()[1]
+    return filled(with_errors(replay, old_deltas), [0])
 
 
 @claim(
@@ -549,26 +575,40 @@ def part_of_the_new_one(own_delta=None):
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=8))
 def test_a_new_transition_enters_at_the_top(old_deltas):
     """With the largest TD priority seen so far, as the package does it (D4), none is drawn more."""
-    P = with_a_new_one(RecencyReplay(9, 1), old_deltas).probabilities()
+    P = with_a_new_one(RecencyReplay(len(old_deltas) + 1, 1), old_deltas).probabilities()
     assert P[-1] >= P.max() * (1 - 1e-12)
-    parts = [part_of_the_new_one(own_delta) for own_delta in (None, 0.0, 10.0)]
-    assert parts == pytest.approx([0.5, 0.059, 0.798], abs=5e-4)
+    shows("as the text has it, none is drawn more")
+
+
+def part_of_the_new_one(own_delta=None):
+    """P of a new transition beside one of |δ| = 1, as it enters or after its own TD error has been
+    noted.
+    """
+    replay = with_a_new_one(ProportionalReplay(2, 1), [1.0])
+    if own_delta is not None:
+        replay.update_priorities(np.array([1]), np.array([own_delta]))
+    return replay.probabilities()[1]
+
+
+@also("R13")
+def test_by_its_own_error_it_can_enter_anywhere():
+    """Below the other one where its error is 0, above it where its error is larger."""
+    small, large = 0.0, 10.0
+    top, bottom, above = (part_of_the_new_one(own) for own in (None, small, large))
+    assert bottom < top < above and top == pytest.approx(1 / 2, abs=0.01)
     shows(
-        "PER, beside one of |δ| = 1: {:.3f} maximal; by its own δ = 0 {:.3f}, by 10 {:.3f}".format(
-            *parts
-        )
+        "PER, beside one of |δ| = 1: {:.3f} maximal; by its own δ = {} {:.3f}, by δ = {} {:.3f}",
+        *(top, small, bottom, large, above),
     )
 
 
 @control("R13")
 def test_control_by_its_own_error_it_may_enter_at_the_bottom():
-    """Negative control: by line 11 a new transition without error is below one with |δ| = 1,
-    recency or not.
-    """
+    """By line 11 a new transition without error is below one with |δ| = 1, recency or not."""
     replay = with_a_new_one(RecencyReplay(2, 1), [1.0])
-    assert np.diff(replay.probabilities()) > 0
     replay.update_priorities(np.array([1]), np.array([0.0]))
-    assert np.diff(replay.probabilities()) < 0
+    P = replay.probabilities()
+    assert P[-1] < P.max()
 
 
 def ending(name, action):
@@ -593,28 +633,32 @@ def ending(name, action):
     ),
     uses="drift.make, bellman.td_target",
 )
-def test_done_is_not_the_goal():
-    """Pushed left the pole falls, left alone the hopper does; the other two run out of time, and
-    there y bootstraps.
-    """
-    ends = {
-        name: ending(name, lambda s, action=action: action)[:2]
-        for name, action in (("cartpole", 0), ("hopper", 0), ("mountaincar", 1), ("acrobot", 1))
-    }
-    assert ends["cartpole"] == ends["hopper"] == (True, False)
-    assert ends["mountaincar"] == ends["acrobot"] == (False, True)
-    y = td_target(np.array([-1.0, -1.0]), np.array([True, False]), np.full((2, 2), -50.0), 0.99)
-    assert y.tolist() == [-1, -50.5]
+@pytest.mark.parametrize("name", ["cartpole", "hopper"])
+def test_done_can_be_a_failure(name):
+    """Pushed left the pole falls, left alone the hopper does."""
+    terminated, truncated, _ = ending(name, lambda s: 0)
+    assert (terminated, truncated) == (True, False)
+    shows("CartPole and Hopper end by a fall")
+
+
+@also("R15")
+@pytest.mark.parametrize("name", ["mountaincar", "acrobot"])
+def test_done_can_be_the_clock(name):
+    """Doing nothing takes neither to its goal, and there y must bootstrap."""
+    terminated, truncated, _ = ending(name, lambda s: 1)
+    assert (terminated, truncated) == (False, True)
+    r, q_next = np.array([-1.0]), np.full((1, 2), -50.0)
+    y, cut = (td_target(r, np.array([end]), q_next, 0.99)[0] for end in (terminated, True))
+    assert y < cut == r
     shows(
-        "doing nothing ends Hopper by a fall, MountainCar and Acrobot by the clock, where y = −50.5"
-        " must not be −1"
+        "doing nothing ends MountainCar and Acrobot by the clock, where y = {} must not be {}",
+        y,
+        cut,
     )
 
 
 @control("R15")
 def test_control_on_mountaincar_a_termination_is_the_goal():
-    """Negative control: pushing the way the car moves takes it to the flag at 0.5, and that is what
-    terminates.
-    """
+    """Pushing the way the car moves takes it to the flag at 0.5, and that is what terminates."""
     terminated, truncated, s = ending("mountaincar", lambda s: 2 if s[1] >= 0 else 0)
     assert (terminated, truncated) == (True, False) and s[0] >= 0.5

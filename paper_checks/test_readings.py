@@ -5,10 +5,12 @@
 from fractions import Fraction as F
 
 import numpy as np
+import paper
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import loop, row
 
 from gbdqn_ref.bellman import loss_gradient, td_target, weighted_loss
 from gbdqn_ref.boosting import closed_form_alpha
@@ -26,9 +28,7 @@ SEEDS = st.integers(0, 10**6)
 )
 @given(SEEDS)
 def test_the_residual_is_the_negative_gradient(seed):
-    """The loss is quadratic in Q, so a central difference of any width is exact: (L(Q − d) − L(Q +
-    d)) / 2d = r / B.
-    """
+    """The loss is quadratic in Q, so a central difference of any width is exact."""
     residual, ones = np.random.default_rng(seed).normal(size=4), np.ones(4)
     gradient = loss_gradient(residual, ones, np.zeros(4, int), 1)[:, 0]
     for i, d in enumerate(np.eye(4)):
@@ -40,13 +40,12 @@ def test_the_residual_is_the_negative_gradient(seed):
 
 @control("M3")
 def test_control_with_a_moving_target_the_slope_is_another():
-    """Negative control: on a loop y = r + γQ moves with Q, and the slope of ½ (y − Q)² is (1 − γ)
-    of it.
-    """
-    gamma, Q, step = 0.9, 2.0, 1e-6
-    residuals = [1 + gamma * q - q for q in (Q - step, Q + step)]
-    slope = (residuals[0] ** 2 - residuals[1] ** 2) / (4 * step)
-    assert slope == pytest.approx((1 - gamma) * (1 + gamma * Q - Q), rel=1e-6)
+    """On a loop y = r + γQ moves with Q, and the slope is (1 − γ) of the residual."""
+    mdp, Q, step = loop(1, F(9, 10)), row(2), F(1, 10)
+    losses = [weighted_loss(mdp.residual(Q - d)[0], np.ones(1)) for d in (step, -step)]
+    assert (losses[0] - losses[1]) / (2 * step) == pytest.approx(
+        float((1 - mdp.gamma) * mdp.residual(Q)[0, 0])
+    )
 
 
 @claim(
@@ -63,19 +62,29 @@ def test_the_weighted_loss_is_that_of_uniform_sampling(seed, n):
     """E_P[w e²/2] = Σ P · (1/(nP)) · e²/2 = mean e²/2."""
     rng = np.random.default_rng(seed)
     P, error = rng.dirichlet(np.ones(n)) * 0.9 + 0.1 / n, rng.normal(size=n)
-    losses = [weighted_loss(error[[i]], importance_weights(P[[i]], n, 1.0, None)) for i in range(n)]
-    assert P @ losses == pytest.approx(weighted_loss(error, np.ones(n)), rel=1e-9)
+    assert expected_loss(P, error) == pytest.approx(weighted_loss(error, np.ones(n)), rel=1e-9)
     shows("Σ P(i) L_w(i) = the uniform loss, on random P and errors; what they correct is in W1–W3")
+
+
+def expected_loss(P, error):
+    """The mean weighted loss of one transition drawn by P, with exponent 1."""
+    return sum(
+        P[i] * weighted_loss(error[[i]], importance_weights(P[[i]], len(P), 1.0, None))
+        for i in np.flatnonzero(P)
+    )
 
 
 @control("M5")
 def test_control_what_is_never_drawn_is_never_corrected():
-    """Negative control: with P = (1, 0) the second error, 3, has no part in the expectation: 0 for
-    9/4.
-    """
+    """With P = 0 where the error is, it has no part in the expectation."""
     error = np.array([0.0, 3.0])
-    assert 1.0 * weighted_loss(error[[0]], importance_weights(np.array([1.0]), 2, 1.0, None)) == 0
-    assert weighted_loss(error, np.ones(2)) == 9 / 4
+    assert expected_loss(np.array([1.0, 0.0]), error) == 0 < weighted_loss(error, np.ones(2))
+
+
+def fitted_sums(Q, Q_target):
+    """(y, Q + h) for h = y − Q and for h = y − Q̄, with r = 1, γ = 1 and Q̄(s′, ·) = 6."""
+    y = td_target(np.array([1.0]), np.array([False]), np.array([[6.0]]), 1.0)[0]
+    return y, Q + (y - Q), Q + (y - Q_target)
 
 
 @claim(
@@ -89,18 +98,26 @@ def test_control_what_is_never_drawn_is_never_corrected():
     uses="bellman.td_target",
 )
 def test_two_ensembles_in_the_residual_give_two_fits():
-    """Q(s, a) = 3, Q̄(s, a) = 2, y = 7: h = y − Q gives Q + h = 7, h = y − Q̄ gives 8."""
-    y = td_target(np.array([1.0]), np.array([False]), np.array([[6.0]]), 1.0)[0]
+    """With Q in the residual Q + h is the target y, with Q̄ it is not."""
     Q, Q_target = 3.0, 2.0
-    assert (Q + (y - Q), Q + (y - Q_target)) == (7, 8)
-    shows("Q = 3, Q̄ = 2, y = 7: the fitted Q_m is 7 with Q in the residual, 8 with Q̄")
+    y, with_q, with_target = fitted_sums(Q, Q_target)
+    assert with_q == y != with_target
+    shows(
+        "Q = {}, Q̄ = {}, y = {}: the fitted Q_m is {} with Q in the residual, {} with Q̄",
+        *(Q, Q_target, y, with_q, with_target),
+    )
 
 
 @control("M6")
 def test_control_a_frozen_network_is_its_own_target():
-    """Negative control: with Q̄ = Q the two are the same."""
-    Q = Q_target = 3.0
-    assert Q + (7 - Q) == Q + (7 - Q_target) == 7
+    """With Q̄ = Q the two are the same."""
+    _, with_q, with_target = fitted_sums(3.0, 3.0)
+    assert with_q == with_target
+
+
+def two_losses(residual, w):
+    """J_m as Eq. 5 and as Eq. 6 has it."""
+    return weighted_loss(residual, np.ones_like(w)), weighted_loss(residual, w)
 
 
 @claim(
@@ -111,21 +128,28 @@ def test_control_a_frozen_network_is_its_own_target():
     uses="bellman.weighted_loss",
 )
 def test_two_functions_are_called_j_m():
-    """One sample with residual 1 and h = 0: ½ against ⅛ for w = ¼."""
-    residual = np.array([1.0])
-    assert (weighted_loss(residual, np.ones(1)), weighted_loss(residual, np.array([0.25]))) == (
-        0.5,
-        0.125,
+    """One sample, and a booster of 0."""
+    residual, w = np.array([1.0]), np.array([0.25])
+    plain, weighted = two_losses(residual, w)
+    assert plain != weighted == w[0] * plain
+    shows(
+        "r = {}, h = 0, w = {:/}: {:/} and {:/}; equal only where w = 1 wherever r ≠ αh",
+        *(residual, w, plain, weighted),
     )
-    shows("r = 1, h = 0, w = ¼: ½ and ⅛; equal only where w = 1 wherever r ≠ αh")
 
 
 @control("M7")
-def test_control_where_every_weight_is_1_they_are_one():
-    """Negative control, and with a perfect fit the weights make no difference either."""
-    residual, w = np.array([1.0, -2.0]), np.array([0.25, 3.0])
-    assert weighted_loss(residual, np.ones(2)) == weighted_loss(residual, w / w)
-    assert weighted_loss(residual - residual, w) == 0
+@pytest.mark.parametrize(("residual", "w"), [([1.0, -2.0], [1.0, 1.0]), ([0.0, 0.0], [0.25, 3.0])])
+def test_control_with_weights_of_1_or_a_perfect_fit_they_are_one(residual, w):
+    """The weights make no difference where they are 1, nor where nothing is left."""
+    plain, weighted = two_losses(np.array(residual), np.array(w))
+    assert plain == weighted
+
+
+def least_and_where(residual, h):
+    """(the least Σ (r − αh)², the α at which it is)."""
+    alpha = closed_form_alpha(residual, h)
+    return ((residual - alpha * h) ** 2).sum(), alpha
 
 
 @claim(
@@ -136,21 +160,26 @@ def test_control_where_every_weight_is_1_they_are_one():
     uses="boosting.closed_form_alpha",
 )
 def test_the_minimum_is_not_where_it_is():
+    """An exact fit leaves nothing, with a step of 1."""
     residual = h = np.array([1.0])
-    assert closed_form_alpha(residual, h) == 1
-    assert ((residual - closed_form_alpha(residual, h) * h) ** 2).sum() == 0
-    shows("r = h = 1: the least value is 0, and it is at α = 1")
+    least, alpha = least_and_where(residual, h)
+    assert (least, alpha) == (0, 1)
+    shows("r = h = {}: the least value is {}, and it is at α = {}", residual, least, alpha)
 
 
 @control("M10")
 def test_control_they_can_agree_by_chance():
-    """Negative control: r = (1, 1), h = (1, 0) has the least value 1, at α = 1."""
-    residual, h = np.array([1.0, 1.0]), np.array([1.0, 0.0])
-    assert (
-        closed_form_alpha(residual, h)
-        == ((residual - closed_form_alpha(residual, h) * h) ** 2).sum()
-        == 1
-    )
+    """Where the booster misses a residual of 1 the least value is 1, and so is α."""
+    least, alpha = least_and_where(np.array([1.0, 1.0]), np.array([1.0, 0.0]))
+    assert least == alpha == 1
+
+
+def inside_and_outside(residual, eta):
+    """The constant h fitted with α = η inside the loss, min (r − η h)², and outside, min (r − h)²;
+    and what r − η h leaves for each.
+    """
+    fits = [closed_form_alpha(np.array([residual]), np.array([scale])) for scale in (eta, 1.0)]
+    return fits, [residual - eta * h for h in fits]
 
 
 @claim(
@@ -160,30 +189,33 @@ def test_control_they_can_agree_by_chance():
     verdict="ambiguous: inside in Eq. 5, outside in Algorithm 1; a factor of 1/η in what is learnt",
     uses="boosting.closed_form_alpha",
 )
-@given(st.fractions(F(1, 20), 1), st.fractions(-9, 9))
+@given(st.floats(0.05, 1), st.floats(-9, 9))
 def test_inside_or_outside_is_a_factor_of_eta(eta, residual):
-    """One sample, learners c · 1. Inside: c = r/η, and Q moves by η c = r. Outside: c = r, and Q
-    moves by η r.
-    """
-    inside = closed_form_alpha(
-        np.array([float(residual)]), np.array([float(eta)])
-    )  # the c of min (r − c η)²
-    outside = closed_form_alpha(np.array([float(residual)]), np.ones(1))
-    assert float(eta) * inside == pytest.approx(float(residual), abs=1e-9)
-    assert float(eta) * outside == pytest.approx(float(eta * residual), abs=1e-9)
+    """Inside, Q moves by the whole residual; outside, by η of it."""
+    (inside, outside), left = inside_and_outside(residual, eta)
+    assert eta * inside == pytest.approx(outside, abs=1e-9)
+    assert left == pytest.approx([0, (1 - eta) * residual], abs=1e-9)
+    shows("h inside is h outside divided by η, on random residuals and η")
+
+
+@also("M13")
+def test_with_the_printed_shrinkage_inside_is_ten_times_outside():
+    """The whole residual is gone under one, nine tenths are left under the other."""
+    residual, eta = 3.0, paper.SHRINKAGE
+    (inside, outside), (gone, left) = inside_and_outside(residual, eta)
+    assert (gone, left) == pytest.approx((0, (1 - eta) * residual))
     shows(
-        "residual 3, η = 0.1: inside h = 30 and the whole residual is gone, outside h = 3 and 2.7"
-        " is left"
+        "residual {}, η = {}: inside h = {} and the whole residual is gone, outside h = {} and {}"
+        " is left",
+        *(residual, eta, inside, outside, left),
     )
 
 
 @control("M13")
 def test_control_without_shrinkage_the_two_are_one():
-    """Negative control: at η = 1 it does not matter; and of the two at η = 0.1, one leaves 2.7 of
-    3.
-    """
-    assert closed_form_alpha(np.array([3.0]), np.array([1.0])) == 3
-    assert 3 - 0.1 * closed_form_alpha(np.array([3.0]), np.ones(1)) == pytest.approx(2.7)
+    """At η = 1 it does not matter."""
+    (inside, outside), left = inside_and_outside(3.0, 1.0)
+    assert inside == outside and left == [0, 0]
 
 
 @claim(
@@ -198,29 +230,45 @@ def test_control_without_shrinkage_the_two_are_one():
 )
 @given(SEEDS)
 def test_a_second_fit_of_the_same_linear_class_is_zero(seed):
-    """What least squares leaves is orthogonal to the whole class, so the next fit is h = 0, and α
-    is 0/0: 0 here.
-    """
+    """What least squares leaves is orthogonal to the whole class, so the next fit is 0."""
     rng = np.random.default_rng(seed)
     features, residual = rng.normal(size=(6, 2)), rng.normal(size=6)
-    sizes = [residual @ residual]
-    for _ in range(2):
-        h = features @ np.linalg.lstsq(features, residual)[0]
-        residual = residual - closed_form_alpha(residual, h) * h
-        sizes.append(residual @ residual)
-    assert sizes[1] <= sizes[0] and sizes[2] == pytest.approx(sizes[1], abs=1e-12 * sizes[0])
-    assert closed_form_alpha(residual, np.zeros(6)) == 0
-    shows("linear learners on random data: Σ r² falls once, and the second booster is 0")
+    first = fitted(features, residual)
+    left = residual - closed_form_alpha(residual, first) * first
+    assert residual @ residual - left @ left == pytest.approx(first @ first)
+    second = abs(fitted(features, left)).max()
+    assert second < 1e-9
+    shows(
+        "linear learners on random data: Σ r² falls once, and the second booster is {:.0f}", second
+    )
+
+
+def fitted(features, residual):
+    """The least-squares fit in the span of the features."""
+    return features @ np.linalg.lstsq(features, residual)[0]
 
 
 @control("M14")
 def test_control_a_learner_of_another_class_finds_more():
-    """Negative control: what two features leave, a third one that correlates with it takes up."""
+    """What two features leave, a third one that correlates with it takes up."""
     rng = np.random.default_rng(0)
     features, residual = rng.normal(size=(6, 3)), rng.normal(size=6)
-    left = residual - features[:, :2] @ np.linalg.lstsq(features[:, :2], residual)[0]
-    h = features @ np.linalg.lstsq(features, left)[0]
-    assert ((left - h) ** 2).sum() < 0.999 * (left**2).sum()
+    left = residual - fitted(features[:, :2], residual)
+    assert abs(fitted(features, left)).max() > 0.01
+
+
+def boosted(cosines):
+    """Σ r² after boosters at these angles to the residual, from 1 on, each with its closed-form
+    α.
+    """
+    residual = np.array([1.0, 0.0])
+    for cos in cosines:
+        along = residual / np.sqrt(residual @ residual)
+        h = cos * along + np.sqrt(1 - cos**2) * np.array([-along[1], along[0]])
+        alpha = closed_form_alpha(residual, h)
+        assert alpha > 0
+        residual = residual - alpha * h
+    return residual @ residual
 
 
 @claim(
@@ -232,27 +280,14 @@ def test_control_a_learner_of_another_class_finds_more():
 )
 @pytest.mark.parametrize("boosts", [1, 4, 40])
 def test_ever_smaller_gains_end_at_a_half(boosts):
-    """h at an angle to r, cos² = 1/(m + 1)²: each leaves 1 − 1/(m + 1)², whose product (m + 2)/(2(m
-    + 1)) → ½.
-    """
-    residual = np.array([1.0, 0.0])
-    for m in range(1, boosts + 1):
-        length, cos = np.sqrt(residual @ residual), 1 / (m + 1)
-        along, across = residual / length, np.array([-residual[1], residual[0]]) / length
-        h = cos * along + np.sqrt(1 - cos**2) * across
-        alpha = closed_form_alpha(residual, h)
-        assert alpha > 0
-        residual = residual - alpha * h
-    assert residual @ residual == pytest.approx((boosts + 2) / (2 * (boosts + 1)), abs=1e-9)
-    shows("2 samples, optimal α > 0 at every step: Σ r² = (m + 2)/(2(m + 1)) → ½")
+    """The m-th booster leaves a part 1 − 1/(m + 1)²: the product is (m + 2)/(2(m + 1))."""
+    left, limit = boosted([1 / (m + 1) for m in range(1, boosts + 1)]), F(1, 2)
+    assert left == pytest.approx((boosts + 2) / (2 * (boosts + 1)), abs=1e-9)
+    assert left - float(limit) == pytest.approx(1 / (2 * (boosts + 1)), abs=1e-9)
+    shows("2 samples, optimal α > 0 at every step: Σ r² = (m + 2)/(2(m + 1)) → {}", limit)
 
 
 @control("M15")
 def test_control_with_a_fixed_angle_it_does_go_to_0():
-    """Negative control: cos² ≥ c at every step leaves at most (1 − c)^m."""
-    residual = np.array([1.0, 0.0])
-    for m in range(20):
-        assert residual @ residual == pytest.approx(0.5**m, abs=1e-12)
-        across = np.array([-residual[1], residual[0]])
-        h = (residual + across) / np.sqrt(2)  # 45°
-        residual = residual - closed_form_alpha(residual, h) * h
+    """At 45° every booster leaves a half."""
+    assert boosted([np.sqrt(1 / 2)] * 20) == pytest.approx(0.5**20, abs=1e-12)

@@ -1,12 +1,14 @@
 """Eqs. 10–11 and the importance weights: what the mixed priorities are, and what they are not."""
 
+from fractions import Fraction as F
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import filled, normalise, with_errors
 
 from gbdqn_ref.replay import (
     RecencyReplay,
@@ -15,10 +17,6 @@ from gbdqn_ref.replay import (
     td_priority,
     time_priority,
 )
-
-
-def normalise(p):
-    return p / p.sum()
 
 
 @claim(
@@ -33,26 +31,46 @@ def normalise(p):
 )
 @given(st.integers(0, 10**6), st.integers(1, 60), st.floats(0, 1), st.floats(0, 2))
 def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
-    """P = λ P_TD + (1 − λ) P_time with λ = β S_TD / (β S_TD + (1 − β) S_time): hence the sampler in
-    two stages.
-    """
-    rng = np.random.default_rng(seed)
-    replay = RecencyReplay(40, 1, mix=mix, recency_rate=rate)
-    for _ in range(added):
-        replay.add(0.0, 0, 0.0, 0.0, False)
-    n, delta = len(replay), rng.normal(size=len(replay))
+    """The replay's P is that of Eqs. 10–11, and the mixture of P_TD and P_time by its td_share."""
+    replay = filled(RecencyReplay(40, 1, mix=mix, recency_rate=rate), [0] * added)
+    n = len(replay)
+    delta = np.random.default_rng(seed).normal(size=n)
     replay.update_priorities(np.arange(n), delta)
-    age = (added - 1 - np.arange(n)) % 40
     p_td = td_priority(delta, replay.priority_offset, replay.priority_exponent)
-    p_time = time_priority(age, rate)
+    p_time = time_priority((added - 1 - np.arange(n)) % 40, rate)
     np.testing.assert_allclose(
         replay.probabilities(), normalise(mixed_priority(p_td, p_time, mix)), rtol=1e-9
     )
-    share = replay.td_share()
     np.testing.assert_allclose(
-        replay.probabilities(), share * normalise(p_td) + (1 - share) * normalise(p_time), rtol=1e-9
+        replay.probabilities(), two_stages(replay.td_share(), p_td, p_time), rtol=1e-9
     )
     shows("P = λ P_TD + (1 − λ) P_time exactly, λ = β S_TD / (β S_TD + (1 − β) S_time)")
+
+
+def two_stages(share, p_td, p_time):
+    """λ P_TD + (1 − λ) P_time."""
+    return share * normalise(p_td) + (1 - share) * normalise(p_time)
+
+
+@control("R10")
+def test_control_mixed_by_the_mix_itself_it_is_another_rule():
+    """With λ = β the mixture is not that of Eqs. 10–11, where the two sums differ."""
+    replay = with_errors(RecencyReplay(3, 1, mix=0.5, recency_rate=1.0), [1, 2, 3])
+    p_td, p_time = replay.tree.leaves[:3], time_priority([2, 1, 0], 1.0)
+    np.testing.assert_allclose(
+        replay.probabilities(), two_stages(replay.td_share(), p_td, p_time), rtol=1e-9
+    )
+    assert not np.allclose(replay.probabilities(), two_stages(replay.mix, p_td, p_time))
+
+
+MIX = 0.5
+
+
+def recency_shares(rate_of):
+    """Recency's share of the draws in growing buffers, β = ½; the rate may depend on N."""
+    sizes = (100, 1_000, 10_000)
+    replays = [filled(RecencyReplay(n, 1, MIX, rate_of(n)), [0] * n) for n in sizes]
+    return sizes, [1 - replay.td_share() for replay in replays]
 
 
 @claim(
@@ -63,34 +81,24 @@ def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
     uses="replay.RecencyReplay.td_share",
 )
 def test_the_recency_share_fades_as_the_buffer_fills():
-    """S_time ≤ 1 / (1 − e^{−α}) is bounded and S_TD grows with N: at fixed α and β the rule tends
-    to plain PER.
-    """
-    shares = []
-    for n in (100, 1_000, 10_000):
-        replay = RecencyReplay(n, 1, mix=0.5, recency_rate=0.01)
-        for _ in range(n):
-            replay.add(0.0, 0, 0.0, 0.0, False)
-        shares.append(1 - replay.td_share())
+    """S_time ≤ 1 / (1 − e^{−α}) is bounded, and S_TD grows with N."""
+    rate = 0.01
+    sizes, shares = recency_shares(lambda n: rate)
     assert shares == sorted(shares, reverse=True)
-    assert shares[-1] < 0.011
-    shows("β = 0.5, α = 0.01: recency has less than 1.1 % of the draws from 10,000 transitions")
-
-
-@control("R10", "R12")
-def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
-    """Negative control: with α = 3/N the share keeps to a constant, so it is the fixed rate that
-    makes it fade.
-    """
-    shares = []
-    for n in (100, 1_000, 10_000):
-        replay = RecencyReplay(n, 1, mix=0.5, recency_rate=3 / n)
-        for _ in range(n):
-            replay.add(0.0, 0, 0.0, 0.0, False)
-        shares.append(1 - replay.td_share())
-    np.testing.assert_allclose(
-        shares, (1 - np.exp(-3)) / 3 / (1 + (1 - np.exp(-3)) / 3), atol=0.005
+    for n, share in zip(sizes, shares, strict=True):
+        assert share < 1 / (n * (1 - np.exp(-rate)))
+    shows(
+        "β = {}, α = {}: recency has {:.1%} of the draws from {} transitions",
+        *(MIX, rate, shares[-1], sizes[-1]),
     )
+
+
+@control("R12")
+def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
+    """With α = 3/N the share keeps to a constant, so it is the fixed rate that makes it fade."""
+    _, shares = recency_shares(lambda n: 3 / n)
+    constant = (1 - np.exp(-3)) / 3
+    np.testing.assert_allclose(shares, constant / (1 + constant), atol=0.005)
 
 
 def weighted_mean(P, f, exponent, normalise_by, batch_size):
@@ -103,6 +111,9 @@ def weighted_mean(P, f, exponent, normalise_by, batch_size):
     return total
 
 
+P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
+
+
 @claim(
     "W1",
     place="section Recency and TD-error, importance weights",
@@ -110,23 +121,34 @@ def weighted_mean(P, f, exponent, normalise_by, batch_size):
     verdict="holds if their exponent is 1 and they are not normalised",
     uses="replay.importance_weights",
 )
-def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation():
-    """E_P[w f] = mean f for every f, here f = (0, 1), P = (4/5, 1/5); true mean 1/2."""
-    P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
-    assert weighted_mean(P, f, 1.0, None, 1) == pytest.approx(0.5, abs=1e-12)
-    assert weighted_mean(P, f, 1.0, None, 3) == pytest.approx(0.5, abs=1e-12)
-    shows(
-        "every batch enumerated: E[w f] = mean f with exponent 1; with ½ 0.316 for 0.5, P = (0.8,"
-        " 0.2), f = (0, 1)"
-    )
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation(batch_size):
+    """E_P[w f] is the mean of f, whatever the size of the batch."""
+    assert weighted_mean(P, f, 1.0, None, batch_size) == pytest.approx(f.mean(), abs=1e-12)
+    shows("every batch enumerated: E[w f] = mean f with exponent 1")
+
+
+@also("W1")
+def test_with_exponent_a_half_they_are_biased():
+    """The usual exponents are below 1."""
+    exponent = 0.5
+    value = weighted_mean(P, f, exponent, None, 1)
+    assert value == pytest.approx(P[1] * (1 / (2 * P[1])) ** exponent)
+    shows("with {:/} {:.3f} for {}, P = ({}), f = ({})", *(exponent, value, f.mean(), P, f))
 
 
 @control("W1")
-@pytest.mark.parametrize(("exponent", "value"), [(0.0, 0.2), (0.5, 0.2 * 2.5**0.5)])
-def test_control_a_smaller_exponent_is_biased(exponent, value):
-    """Negative control: the claim "to correct for the bias" fails for every exponent below 1."""
-    P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
-    assert weighted_mean(P, f, exponent, None, 1) == pytest.approx(value, abs=1e-12)
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_control_without_weights_the_mean_is_biased(batch_size):
+    """With exponent 0 every weight is 1, and the mean is that under P."""
+    assert weighted_mean(P, f, 0.0, None, batch_size) == pytest.approx(P @ f, abs=1e-12)
+    assert P @ f != f.mean()
+
+
+def ratio(batch_size, normalise_by):
+    """How the two transitions weigh in the mean of a batch, 1 being unbiased; exponent 1."""
+    first, second = (weighted_mean(P, each, 1.0, normalise_by, batch_size) for each in np.eye(2))
+    return first / second
 
 
 @claim(
@@ -137,41 +159,36 @@ def test_control_a_smaller_exponent_is_biased(exponent, value):
     uses="replay.importance_weights",
 )
 def test_dividing_by_the_batch_maximum_is_no_mere_scaling():
-    """A batch of 1 always has weight 1: the ratio of the two states stays 4 : 1, where a scaling
-    would leave 1 : 1.
+    """A batch of 1 always has weight 1, so the ratio is that of P; a larger batch keeps most of
+    it.
     """
-    P = np.array([0.8, 0.2])
-    first, second = (weighted_mean(P, np.eye(2)[i], 1.0, "batch", 1) for i in (0, 1))
-    assert first / second == pytest.approx(4)
-    first, second = (weighted_mean(P, np.eye(2)[i], 1.0, "batch", 2) for i in (0, 1))
-    assert first / second == pytest.approx(3.4)
+    alone, pair = ratio(1, "batch"), ratio(2, "batch")
+    assert alone == pytest.approx(P[0] / P[1]) and alone > pair > 3
     shows(
-        "P = (0.8, 0.2), exponent 1: a batch of 1 weighs the two 4 : 1, a batch of 2 3.4 : 1, where"
-        " 1 : 1 is unbiased"
+        "P = ({}), exponent 1: a batch of 1 weighs the two {:.3g} : 1, a batch of 2 {:.3g} : 1,"
+        " where {:.3g} : 1 is unbiased",
+        *(P, alone, pair, ratio(2, None)),
     )
 
 
 @control("W2")
-def test_control_a_fixed_divisor_does_only_scale():
-    """Negative control: the largest of the whole buffer divides the unbiased mean by 2.5, for both
-    f.
-    """
-    P = np.array([0.8, 0.2])
-    largest = importance_weights(P, 2, 1.0, None).max()
-    for i in (0, 1):
-        assert weighted_mean(P, np.eye(2)[i], 1.0, None, 2) / largest == pytest.approx(0.5 / 2.5)
+@pytest.mark.parametrize("batch_size", [1, 2])
+def test_control_without_the_division_the_two_weigh_the_same(batch_size):
+    """Without it, or with a fixed divisor, which cancels in the ratio, the two are 1 : 1."""
+    assert ratio(batch_size, None) == pytest.approx(1)
 
 
 def stale_data(mix, is_exponent, rate=0.01):
     """What 900 old transitions have beside 100 new ones of equal |δ|: (of the draws, of the
     weighted loss).
     """
-    replay = RecencyReplay(1000, 1, mix=mix, recency_rate=rate)
-    for _ in range(1000):
-        replay.add(0.0, 0, 0.0, 0.0, False)
-    P = replay.probabilities()
-    in_loss = normalise(P * importance_weights(P, 1000, is_exponent, None))
-    return P[:900].sum(), in_loss[:900].sum()
+    n = OLD + NEW
+    P = filled(RecencyReplay(n, 1, mix=mix, recency_rate=rate), [0] * n).probabilities()
+    in_loss = normalise(P * importance_weights(P, n, is_exponent, None))
+    return P[:OLD].sum(), in_loss[:OLD].sum()
+
+
+OLD, NEW = 900, 100
 
 
 @claim(
@@ -188,25 +205,50 @@ def test_correcting_the_bias_undoes_the_priorities():
     """P w is in proportion to P^(1 − exponent); with exponent 1 every transition has the same part
     of the loss.
     """
-    drawn, halved = stale_data(mix=0, is_exponent=0.5)
-    _, corrected = stale_data(mix=0, is_exponent=1)
-    assert drawn == pytest.approx((np.exp(-1) - np.exp(-10)) / (1 - np.exp(-10)))
-    assert halved == pytest.approx((np.exp(-0.5) - np.exp(-5)) / (1 - np.exp(-5)))
-    assert corrected == pytest.approx(0.9)
+    rate, exponent, full = 0.01, 0.5, 1
+    drawn, halved = stale_data(mix=0, is_exponent=exponent)
+    _, corrected = stale_data(mix=0, is_exponent=full)
+    old, all = np.exp(-rate * NEW), np.exp(-rate * (OLD + NEW))
+    assert drawn == pytest.approx((old - all) / (1 - all))
+    old, all = np.sqrt(old), np.sqrt(all)
+    assert halved == pytest.approx((old - all) / (1 - all))
+    assert corrected == pytest.approx(OLD / (OLD + NEW))
     shows(
-        f"900 old, 100 new, recency alone, α = 0.01: old data have {drawn:.3f} of the draws, "
-        f"{halved:.3f} of the loss with exponent ½, {corrected:.3f} with 1"
+        "{} old, {} new, recency alone, α = {}: old data have {:.3f} of the draws, {:.3f} of the"
+        " loss with exponent {:/}, {:.3f} with {}",
+        *(OLD, NEW, rate, drawn, halved, exponent, corrected, full),
     )
 
 
 @control("W3")
-def test_control_there_is_a_conflict_only_with_both():
-    """Negative control: without the correction the priority stays; without priorities there is
-    nothing to correct.
-    """
+def test_control_without_the_correction_the_priority_stays():
+    """With exponent 0 the part of the loss is that of the draws."""
     drawn, in_loss = stale_data(mix=0, is_exponent=0)
     assert in_loss == pytest.approx(drawn) and drawn < 0.37
-    assert stale_data(mix=0, is_exponent=1, rate=0) == pytest.approx((0.9, 0.9))
+
+
+@control("W3")
+def test_control_without_priorities_there_is_nothing_to_correct():
+    """At rate 0 every transition is drawn alike."""
+    share = OLD / (OLD + NEW)
+    assert stale_data(mix=0, is_exponent=1, rate=0) == pytest.approx((share, share))
+
+
+def old_parts(mix, is_exponent):
+    """The old transition's part of (the draws, the weighted loss), where e^{−α age} = (½, 1) and
+    the old one has three times the |δ|.
+    """
+    replay = with_errors(
+        RecencyReplay(
+            2, 1, mix, recency_rate=np.log(2), priority_offset=0.0, priority_exponent=1.0
+        ),
+        DELTA,
+    )
+    P = replay.probabilities()
+    return P[0], normalise(P * importance_weights(P, 2, is_exponent, None))[0]
+
+
+DELTA, BETAS = (3, 1), (F(0), F(1, 2), F(1))
 
 
 @claim(
@@ -220,37 +262,38 @@ def test_control_there_is_a_conflict_only_with_both():
     uses="replay.RecencyReplay.probabilities, replay.importance_weights",
 )
 def test_with_a_single_beta_recency_and_correction_exclude_each_other():
-    """β = 0: draws by recency alone, w = 1. β = 1: the weights correct in full, and P has no
-    recency in it.
+    """At β = 0 the draws are by recency alone and w = 1; at β = 1 the correction is full, and P has
+    no recency in it.
     """
-    drawn, in_loss = [], []
-    for beta in (0, 0.5, 1):
-        replay = RecencyReplay(
-            2, 1, mix=beta, recency_rate=np.log(2), priority_offset=0.0, priority_exponent=1.0
-        )
-        for _ in range(2):
-            replay.add(0.0, 0, 0.0, 0.0, False)
-        replay.update_priorities(
-            np.arange(2), np.array([3.0, 1.0])
-        )  # the old one has the larger |δ|
-        P = replay.probabilities()
-        drawn.append(P[0])
-        in_loss.append(normalise(P * importance_weights(P, 2, beta, None))[0])
-    assert drawn == pytest.approx([1 / 3, 7 / 11, 3 / 4])
-    assert in_loss == pytest.approx([1 / 3, 1 / (1 + np.sqrt(4 / 7)), 1 / 2])
+    drawn, in_loss = zip(*(old_parts(float(beta), float(beta)) for beta in BETAS), strict=True)
+    assert drawn[0] == in_loss[0] == pytest.approx(1 / 3)  # of ½ and 1
+    assert (drawn[-1], in_loss[-1]) == pytest.approx((DELTA[0] / sum(DELTA), 1 / 2))
     shows(
-        "|δ| = (3, 1), e^{−α age} = (½, 1): with β = 0, ½, 1 P(1) = 1/3, 7/11, 3/4, its part of the"
-        " loss 1/3, 0.57, ½"
+        "|δ| = ({}), e^{{−α age}} = ({:/}): with β = {} P(1) = {:/}, its part of the loss {:.2f}",
+        *(DELTA, time_priority([1, 0], np.log(2)), BETAS, drawn, in_loss),
     )
 
 
 @control("W4")
 def test_control_two_symbols_allow_recency_with_full_correction():
-    """Negative control: with a β each, here 0 and 1, draws by recency alone are corrected in
-    full.
+    """With a β each, 0 for the mixture and 1 for the weights, draws by recency alone are corrected
+    in full.
     """
-    drawn, in_loss = stale_data(mix=0, is_exponent=1)
-    assert drawn < 0.37 and in_loss == pytest.approx(0.9)
+    drawn, in_loss = old_parts(0.0, 1.0)
+    assert (drawn, in_loss) == pytest.approx((1 / 3, 1 / 2))
+
+
+OFFSET = 0.01  # ε, the package's
+
+
+def weights_and_bound(replay, delta, exponent):
+    """(P, the weights, (Σp / (N β ε^γ))^b)."""
+    n, P = len(replay), replay.probabilities()
+    offset, power = replay.priority_offset, replay.priority_exponent
+    p_time = time_priority(replay.age(np.arange(n)), replay.recency_rate)
+    total = mixed_priority(td_priority(delta, offset, power), p_time, replay.mix).sum()
+    bound = (total / (n * replay.mix * td_priority(0, OFFSET, power))) ** exponent
+    return P, importance_weights(P, n, exponent, None), bound
 
 
 @claim(
@@ -271,37 +314,49 @@ def test_control_two_symbols_allow_recency_with_full_correction():
     st.floats(0, 1),
 )
 def test_the_weights_are_bounded(seed, n, mix, rate, exponent):
-    """p ≥ β ε^γ bounds them; E_P[w] = Σ P (1/(N P))^b is 1 at b = 1, and at most 1 below it, as x^b
-    is concave.
-    """
-    replay = RecencyReplay(n, 1, mix=mix, recency_rate=rate)
-    for _ in range(n):
-        replay.add(0.0, 0, 0.0, 0.0, False)
+    """p ≥ β ε^γ bounds them."""
     delta = np.random.default_rng(seed).standard_cauchy(n)
-    replay.update_priorities(np.arange(n), delta)
-    P = replay.probabilities()
-    offset, power = replay.priority_offset, replay.priority_exponent
-    total = mixed_priority(
-        td_priority(delta, offset, power), time_priority(replay.age(np.arange(n)), rate), mix
-    ).sum()
-    w = importance_weights(P, n, exponent, None)
-    assert (w <= (total / (n * mix * td_priority(0, offset, power))) ** exponent * (1 + 1e-9)).all()
-    assert P @ w <= 1 + 1e-9
-    assert P @ importance_weights(P, n, 1.0, None) == pytest.approx(1)
-    assert importance_weights(P, n, exponent).max() == 1
-    assert importance_weights(np.full(n, 1 / n), n, exponent, None) == pytest.approx(np.ones(n))
-    shows(
-        "random buffers with Cauchy TD errors; a uniform P gives w = 1; divided by the batch's"
-        " largest w ≤ 1"
-    )
+    replay = with_errors(RecencyReplay(n, 1, mix=mix, recency_rate=rate), delta)
+    _, w, bound = weights_and_bound(replay, delta, exponent)
+    assert (w <= bound * (1 + 1e-9)).all()
+    shows("random buffers with Cauchy TD errors")
+
+
+@also("W5")
+@given(st.integers(0, 10**6), st.integers(1, 30), st.floats(0, 1))
+def test_their_mean_is_at_most_1(seed, n, exponent):
+    """E_P[w] = Σ P (1/(N P))^b is 1 at b = 1, and at most 1 below it, as x^b is concave."""
+    delta = np.random.default_rng(seed).standard_cauchy(n)
+    P = with_errors(RecencyReplay(n, 1), delta).probabilities()
+    assert P @ importance_weights(P, n, exponent, None) <= 1 + 1e-9
+    full = P @ importance_weights(P, n, 1.0, None)
+    assert full == pytest.approx(1)
+    shows("E[w] = {:.0f} with b = 1", full)
+
+
+@also("W5")
+@given(st.integers(1, 30), st.floats(0, 1))
+def test_a_uniform_distribution_needs_no_weights(n, exponent):
+    """With P = 1/N every weight is 1, whatever the exponent."""
+    w = importance_weights(np.full(n, 1 / n), n, exponent, None)
+    assert w == pytest.approx(np.ones(n))
+    shows("a uniform P gives w = {:.0f}", w[0])
+
+
+@also("W5")
+@given(st.integers(0, 10**6), st.integers(1, 30), st.floats(0, 1))
+def test_divided_by_the_batchs_largest_none_is_above_1(seed, n, exponent):
+    """And the largest is 1."""
+    P = np.random.default_rng(seed).dirichlet(np.ones(n))
+    largest = importance_weights(0.9 * P + 0.1 / n, n, exponent).max()
+    assert largest == 1
+    shows("divided by the batch's largest w ≤ {:.0f}", largest)
 
 
 @control("W5")
 def test_control_without_an_offset_they_are_not_bounded():
-    """Negative control: with ε = 0 a |δ| of 10^−9 beside 1 has w = 5 · 10⁸; and below b = 1 the
-    mean is below 1.
-    """
-    P = normalise(td_priority(np.array([1.0, 1e-9]), 0, 1))
-    assert importance_weights(P, 2, 1.0, None)[1] == pytest.approx(5e8)
-    biased = np.array([0.8, 0.2])
-    assert biased @ importance_weights(biased, 2, 0.5, None) == pytest.approx(0.9487, abs=5e-5)
+    """With ε = 0 a small |δ| has a weight beyond the bound of ε = 0.01."""
+    delta = np.array([1.0, 1e-9])
+    replay = with_errors(RecencyReplay(2, 1, mix=1.0, priority_offset=0.0), delta)
+    _, w, bound = weights_and_bound(replay, delta, 1.0)
+    assert w.max() > 1e3 * bound

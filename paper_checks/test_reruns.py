@@ -8,11 +8,13 @@ import re
 import numpy as np
 import pytest
 import reruns
-from test_experiments import TABLES, mean_return
+from paper import TABLES
+from worlds import mean_return
 
-from gbdqn_ref import runs
+from gbdqn_ref import files, runs
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
-from gbdqn_ref.train import AGENTS, run
+from gbdqn_ref.train import run
 
 PAGE = reruns.FOLDER / "README.md"
 SHORT = reruns.FOLDER / "short.json"
@@ -29,6 +31,7 @@ PRINTED = {
     "hopper": "Hopper",
 }  # study: the paper's table
 OTHERS = [(study, name) for study, readings in reruns.READINGS.items() for name in readings if name]
+COMPARED = [agent for agent in AGENTS if not agent.endswith("-reuse")]
 CONTROLLED = ["gbdqn", "dqn", "random", "dqn-recency", "gbdqn-per"]
 PART = {  # study: its agents and how many seeds, where they are not all and five
     "hopper-long": (CONTROLLED, 3),
@@ -39,6 +42,7 @@ SECTIONS = ["ingredients", *reruns.STUDIES, *(f"{study}-readings" for study in r
 
 
 def section_table(section):
+    """The table of a section of the page, as Markdown."""
     if section == "ingredients":
         return reruns.ingredients()
     if section.endswith("-readings"):
@@ -50,12 +54,13 @@ def section_table(section):
 
 def settings(study, **changes):
     """The settings of a study's preset as results.json has them."""
-    values = Config.preset(*reruns.STUDIES[study], **changes).to_dict()
-    return {key: values[key] for key in values if key not in ("agent", "seed", "replay")}
+    values = Config.preset(*reruns.STUDIES[study], **changes).resolved().to_dict()
+    return {key: values[key] for key in reruns.stored(study)["settings"]}
 
 
 @pytest.mark.parametrize("section", SECTIONS)
 def test_the_page_has_the_table_that_the_results_give(section, request):
+    """--ledger writes it there."""
     begin, end = f"<!-- {section} -->\n\n", f"\n<!-- end of {section} -->"
     page, text = PAGE.read_text(encoding="utf-8"), section_table(section)
     if request.config.getoption("--ledger"):
@@ -70,7 +75,7 @@ def test_the_page_has_the_table_that_the_results_give(section, request):
 def test_the_results_are_those_of_the_preset(study):
     """All agents that were promised, all seeds, every setting as Config.preset has it today."""
     results = reruns.stored(study)
-    agents, seeds = PART.get(study, (AGENTS, 5))
+    agents, seeds = PART.get(study, (COMPARED, 5))
     assert results["settings"] == settings(study)
     assert results["seeds"] == list(range(seeds)) and set(results["agents"]) == set(agents)
     assert sorted((row["agent"], row["seed"]) for row in results["runs"]) == sorted(
@@ -80,6 +85,7 @@ def test_the_results_are_those_of_the_preset(study):
 
 @pytest.mark.parametrize(("study", "name"), OTHERS)
 def test_the_readings_differ_from_the_preset_by_what_they_say(study, name):
+    """Their settings are the preset\'s with these changes, and their seeds the same."""
     results = reruns.stored(f"{study}-{name}")
     assert results["settings"] == settings(study, **reruns.READINGS[study][name])
     assert (
@@ -101,7 +107,7 @@ def test_the_longer_hopper_has_something_to_lose_at_its_first_drift():
         ]
         for agent in ("dqn", "random")
     }
-    nothing = mean_return(lambda: 0, episodes=5)
+    nothing = mean_return("hopper", lambda: 0, episodes=5)
     assert min(before["dqn"]) > 1.4 * nothing and nothing > 5 * max(before["random"])
     figures = "{:.0f}, {:.0f} and {:.0f}".format(*before["dqn"])
     assert figures in (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
@@ -137,9 +143,9 @@ def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
         "episodes.csv": csv.splitlines(),
     }
     if request.config.getoption("--ledger"):
-        runs.write_json(SHORT, made)
-    stored = runs.read_json(SHORT, *made)
-    assert stored["config"] == made["config"]
+        files.write_json(SHORT, made)
+    stored = files.read_json(SHORT, *made)
+    assert Config.from_dict(stored["config"]).resolved() == config.resolved()
     untaught = sum(
         int(line.split(",")[5]) < config.learning_starts for line in made["episodes.csv"][1:]
     )
@@ -150,17 +156,17 @@ def test_a_short_run_of_gb_dqn_can_be_repeated_here(tmp_path, request):
 
 
 def test_control_the_record_has_more_than_what_precedes_learning():
-    """Negative control: another seed of the network's generator gives other lines, before and after
+    """Another seed of the network's generator gives other lines, before and after
     learning starts.
     """
-    stored = runs.read_json(SHORT, "config", "episodes.csv")
+    stored = files.read_json(SHORT, "config", "episodes.csv")
     other = list(run(Config.from_dict(stored["config"] | {"seed": 2})))
     returns = [float(line.split(",")[3]) for line in stored["episodes.csv"][1:]]
     assert [record["return"] for record in other[:5]] != returns[:5]
 
 
 def test_control_the_table_changes_with_a_result():
-    """Negative control: one other final return, and the page would have to say something else."""
+    """One other final return, and the page would have to say something else."""
     results = json.loads(json.dumps(reruns.stored("acrobot")))
     before = reruns.table(results, {})
     results["runs"][0]["final_return"] += 10

@@ -9,14 +9,15 @@ in the sup norm.
 from fractions import Fraction as F
 
 import numpy as np
+import paper
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import GAMMA_99, loops, random_mdp, row
 
 from gbdqn_ref.boosting import closed_form_alpha
 from gbdqn_ref.nn import MLP
-from gbdqn_ref.tabular import MDP
 
 numbers = st.floats(-100, 100).filter(lambda x: x == 0 or abs(x) > 1e-3)
 vectors = st.integers(1, 8).flatmap(
@@ -25,7 +26,13 @@ vectors = st.integers(1, 8).flatmap(
 
 
 def squares(x):
+    """Σ x²."""
     return float(x @ x)
+
+
+def fall(residual, step):
+    """How far Σ r² falls when the step is taken off the residual."""
+    return squares(residual) - squares(residual - step)
 
 
 @claim(
@@ -37,37 +44,38 @@ def squares(x):
 )
 @given(vectors)
 def test_the_frozen_residual_falls_by_exactly_a_squared_over_b(vectors):
-    """Theorem 1 as its proof has it: Σ(y − Q_m)² − Σ(y − Q_{m−1})² = −A²/B. No argmin is needed,
-    only h ≠ 0.
-    """
+    """Σ(y − Q_{m−1})² − Σ(y − Q_m)² = A²/B. No argmin is needed, only h ≠ 0."""
     residual, h = vectors
     assume(h.any())
-    alpha = closed_form_alpha(residual, h)
-    fall = squares(residual) - squares(residual - alpha * h)
-    assert fall == pytest.approx((residual @ h) ** 2 / (h @ h), abs=1e-12 * squares(residual))
+    A, B = residual @ h, h @ h
+    step = closed_form_alpha(residual, h) * h
+    assert fall(residual, step) == pytest.approx(A**2 / B, abs=1e-12 * squares(residual))
     shows("it falls by exactly A²/B, A = Σ r h, B = Σ h²")
 
 
 @control("T1-a")
 @given(vectors, st.floats(0.01, 0.99))
 def test_control_any_other_step_falls_by_less(vectors, part):
-    """Negative control: with part · α the fall is (2 part − part²) A²/B, so the identity does pick
-    out α.
-    """
+    """A part of α lowers it by less than A²/B, so the identity does pick out α."""
     residual, h = vectors
-    assume(abs(residual @ h) > 1e-3 * np.sqrt(squares(residual) * squares(h)))
-    alpha = part * closed_form_alpha(residual, h)
-    fall, best = squares(residual) - squares(residual - alpha * h), (residual @ h) ** 2 / (h @ h)
-    assert fall == pytest.approx((2 * part - part**2) * best, abs=1e-12 * squares(residual))
-    assert fall < best * (1 - (1 - part) ** 2 / 2)
+    A, B = residual @ h, h @ h
+    assume(abs(A) > 1e-3 * np.sqrt(squares(residual) * B))
+    step = part * closed_form_alpha(residual, h) * h
+    assert fall(residual, step) < A**2 / B * (1 - (1 - part) ** 2 / 2)
 
 
-def drifted_loop(gamma):
-    """One state, two actions that stay in it; the rewards drift from (0, 0) to (0, 1), so Q*_old =
-    0.
+OLD, NEW = (0, 0), (0, 1)  # rewards before and after the drift
+
+
+def bellman_squares(gamma, eta=1, copies=1):
+    """Σ of the squared Bellman residual before and after a perfect booster with step η: one state,
+    two actions that stay in it, rewards that drift from OLD to NEW, Q = Q*_old = 0. The
+    unpaid action counts so many times.
     """
-    P = np.array([[[F(1)], [F(1)]]])
-    return MDP(P, np.array([[F(0), F(1)]]), gamma), np.array([[F(0), F(0)]])
+    mdp, Q, counts = loops(NEW, gamma), row(0, 0), row(copies, 1)
+    assert not loops(OLD, gamma).residual(Q).any()
+    after = Q + eta * mdp.residual(Q)
+    return [(counts * mdp.residual(q) ** 2).sum() for q in (Q, after)]
 
 
 @claim(
@@ -79,30 +87,63 @@ def drifted_loop(gamma):
 )
 @pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
 def test_the_bellman_residual_can_rise_under_a_perfect_booster(gamma):
-    """The statement fails with y recomputed from Q_m: α = 1, h = the whole residual, and 1 becomes
-    2γ² > 1.
-    """
-    mdp, Q = drifted_loop(gamma)
-    h = mdp.residual(Q)
-    assert closed_form_alpha(mdp.residual(Q).ravel().astype(float), h.ravel().astype(float)) == 1
-    assert (mdp.residual(Q) ** 2).sum() == 1
-    assert (mdp.residual(Q + h) ** 2).sum() == 2 * gamma**2 > 1
-    shows("1 state, 2 actions, r (0, 0) → (0, 1), Q = Q*_old: 1 becomes 2γ² (1.62 at γ = 0.9)")
+    """With y recomputed from Q_m: the new value of the state raises the target of both actions."""
+    before, after = bellman_squares(gamma)
+    assert before == 1 < after == 2 * gamma**2
+    shows("1 state, 2 actions, r ({}) → ({}), Q = Q*_old: {} becomes 2γ²", *(OLD, NEW, before))
 
 
+@also("T1-g")
+def test_it_rises_by_more_than_half_at_0_9():
+    """The same at γ = 0.9."""
+    before, after = bellman_squares(F(9, 10))
+    assert after > 1.5 * before
+    shows("{:g} at γ = {:g}", after, F(9, 10))
+
+
+@also("T1-g")
 def test_it_rises_even_with_the_papers_own_constants():
-    """γ = 0.99 and η = 0.1: 1 becomes 1.007802, exactly."""
-    mdp, Q = drifted_loop(F(99, 100))
-    assert (mdp.residual(Q + F(1, 10) * mdp.residual(Q)) ** 2).sum() == F(1007802, 1000000)
+    """With the printed γ and the printed shrinkage."""
+    eta = F(paper.SHRINKAGE).limit_denominator()
+    before, after = bellman_squares(GAMMA_99, eta)
+    assert before < after
+    shows("{:.7g} at γ = {:g} with η = {:g}", after, GAMMA_99, eta)
+
+
+@pytest.mark.parametrize("copies", [1, 3, 30])
+def test_replayed_more_often_it_rises_without_bound(copies):
+    """With the unpaid action k times in the sample the sum rises from 1 to (k + 1) γ²."""
+    assert bellman_squares(F(9, 10), copies=copies) == [1, (copies + 1) * F(81, 100)]
 
 
 @control("T1-g")
 def test_control_with_a_short_horizon_it_does_fall():
-    """Negative control: below γ = 1/√2 the same example falls, so the rise above is the doing of
-    the moving target.
+    """Below γ = 1/√2 the same example falls, so the rise is due to the moving target."""
+    before, after = bellman_squares(F(7, 10))
+    assert after < before
+
+
+@pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
+def test_with_function_approximation_one_sample_is_enough(gamma):
+    """Two loops without reward, φ = (1, 2), the first action alone in the sample: an exact fit
+    moves the other action twice as far, and the residual with it: × (2γ)².
     """
-    mdp, Q = drifted_loop(F(7, 10))
-    assert (mdp.residual(Q + mdp.residual(Q)) ** 2).sum() == 2 * F(49, 100) < 1
+    mdp, phi = loops((0, 0), gamma), row(1, 2)
+    residual = mdp.residual(phi)[0, 0]
+    after = mdp.residual(phi + residual * phi)[0, 0]
+    assert after**2 == (2 * gamma) ** 2 * residual**2 > residual**2
+
+
+def residual_and_bound(mdp, Q, alpha):
+    """(‖res(Q + αg)‖∞, (|1 − α| + αγ) ‖g‖∞)."""
+    g = mdp.residual(Q)
+    bound = (abs(1 - alpha) + alpha * mdp.gamma) * abs(g).max()
+    return abs(mdp.residual(Q + alpha * g)).max(), bound
+
+
+# Why the bound holds: with Q' = Q + αg,
+#   res(Q') = 𝒯Q' − Q' = (𝒯Q' − 𝒯Q) + (𝒯Q − Q) − αg = (𝒯Q' − 𝒯Q) + (1 − α) g,
+# and ‖𝒯Q' − 𝒯Q‖∞ ≤ γ ‖Q' − Q‖∞ = γα ‖g‖∞.
 
 
 @claim(
@@ -114,61 +155,33 @@ def test_control_with_a_short_horizon_it_does_fall():
 )
 @given(st.integers(0, 10**6), st.floats(0, 2.5), st.floats(0, 0.99))
 def test_what_holds_instead_is_a_bound_in_the_sup_norm(seed, alpha, gamma):
-    """‖res(Q + αg)‖∞ ≤ (|1 − α| + αγ) ‖g‖∞: res(Q + αg) = (1 − α) g + 𝒯(Q + αg) − 𝒯Q, and 𝒯 is a
-    γ-contraction.
-    """
-    rng = np.random.default_rng(seed)
-    mdp = MDP(rng.dirichlet(np.ones(4), size=(4, 3)), rng.normal(size=(4, 3)), gamma)
-    Q = rng.normal(size=(4, 3))
-    g = mdp.residual(Q)
-    bound = (abs(1 - alpha) + alpha * gamma) * np.abs(g).max()
-    assert np.abs(mdp.residual(Q + alpha * g)).max() <= bound * (1 + 1e-9) + 1e-12
+    """On random MDPs, whatever Q and α ≥ 0 are."""
+    rng, (states, actions) = np.random.default_rng(seed), (4, 3)
+    mdp = random_mdp(rng, gamma, states, actions)
+    left, bound = residual_and_bound(mdp, rng.normal(size=(states, actions)), alpha)
+    assert left <= bound * (1 + 1e-9) + 1e-12
     shows(
-        "random MDPs of 4 states and 3 actions; tight on the loop; a contraction iff 0 < α < 2/(1"
-        " + γ)"
+        "random MDPs of {} states and {} actions; a contraction iff 0 < α < 2/(1 + γ)",
+        *(states, actions),
     )
+
+
+@also("T1-h")
+def test_the_bound_is_tight_on_the_loop():
+    """For steps up to 1 the drifted loop meets it, so no smaller factor would do."""
+    alphas = (F(1, 10), F(1, 2), F(1))
+    for alpha in alphas:
+        left, bound = residual_and_bound(loops(NEW, F(9, 10)), row(0, 0), alpha)
+        assert left == bound
+    shows("tight on the loop for α ≤ {}", max(alphas))
 
 
 @control("T1-h")
-def test_control_the_bound_is_tight():
-    """Negative control: on the loop with γ = 9/10 the bound is met at α = 1, so no smaller factor
-    would do.
-    """
-    mdp, Q = drifted_loop(F(9, 10))
-    g = mdp.residual(Q)
-    assert abs(mdp.residual(Q + g)).max() == F(9, 10) * abs(g).max()
-
-
-def linear_class(gamma):
-    """One state, two loops without reward, φ = (1, 2), Q = φ, only the first action in the sample:
-    γ and the MDP.
-    """
-    return MDP(np.array([[[F(1)], [F(1)]]]), np.array([[F(0), F(0)]]), gamma), np.array(
-        [[F(1), F(2)]]
-    )
-
-
-@pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
-def test_with_function_approximation_one_sample_is_enough(gamma):
-    """h = c φ fits the only residual exactly, moves the other action by 2c, and the target with it:
-    × (2γ)².
-    """
-    mdp, phi = linear_class(gamma)
-    residual = mdp.residual(phi)[0, 0]
-    after = phi + residual * phi  # φ is 1 at the sampled action: an exact fit, α = 1
-    assert mdp.residual(after)[0, 0] ** 2 == (2 * gamma) ** 2 * residual**2 > residual**2
-    assert gamma != F(9, 10) or (residual**2, mdp.residual(after)[0, 0] ** 2) == (
-        F(64, 100),
-        F(20736, 10000),
-    )
-
-
-@pytest.mark.parametrize("copies", [1, 3, 30])
-def test_replayed_more_often_it_rises_without_bound(copies):
-    """With the silent action k times in the sample the sum rises from 1 to (k + 1) γ²."""
-    mdp, Q = drifted_loop(F(9, 10))
-    after = mdp.residual(Q + mdp.residual(Q))[0]
-    assert copies * after[0] ** 2 + after[1] ** 2 == (copies + 1) * F(81, 100)
+def test_control_without_its_first_term_the_bound_does_not_hold():
+    """α γ ‖g‖∞ alone is too small for a step that is not whole."""
+    mdp, Q, alpha = loops(NEW, F(9, 10)), row(0, 0), F(1, 2)
+    left, bound = residual_and_bound(mdp, Q, alpha)
+    assert left > bound - (1 - alpha) * abs(mdp.residual(Q)).max()
 
 
 fractions = st.fractions(-5, 5, max_denominator=9)
@@ -193,20 +206,29 @@ def test_every_line_of_the_proof(pair):
     A, B = (r * h).sum(), (h * h).sum()
     assume(B > 0)
     for alpha in (F(0), F(1), A / B):
-        assert ((r - alpha * h) ** 2).sum() == (r * r).sum() - 2 * alpha * A + alpha**2 * B
-    assert ((r - A / B * h) ** 2).sum() == (r * r).sum() - A**2 / B
-    assert closed_form_alpha(r.astype(float), h.astype(float)) == pytest.approx(
-        float(A / B), rel=1e-9
-    )
+        assert exact_fall(r, h, alpha) == 2 * alpha * A - alpha**2 * B
+    assert exact_fall(r, h, A / B) == A**2 / B
+    assert closed_form_alpha(r, h) == pytest.approx(float(A / B), rel=1e-9)
     shows("expansion, α = A/B and −2A²/B + A²/B = −A²/B, exactly, on random fractions")
+
+
+def exact_fall(r, h, alpha):
+    """Σ r² − Σ (r − αh)², in fractions."""
+    return (r * r).sum() - ((r - alpha * h) ** 2).sum()
 
 
 @control("T1-b")
 def test_control_another_alpha_breaks_the_last_line():
-    """Negative control: with α = A/(2B) the fall is ¾ A²/B."""
+    """With half of α the fall is ¾ A²/B."""
     r, h = np.array([F(2), F(1)]), np.array([F(1), F(1)])
     A, B = (r * h).sum(), (h * h).sum()
-    assert (r * r).sum() - ((r - A / (2 * B) * h) ** 2).sum() == F(3, 4) * A**2 / B
+    assert exact_fall(r, h, A / (2 * B)) == F(3, 4) * A**2 / B
+
+
+def sampled(states):
+    """h(s) = s(1 − s) on these states, and its B."""
+    h = np.array(states) * (1 - np.array(states))
+    return h, h @ h
 
 
 @claim(
@@ -217,19 +239,27 @@ def test_control_another_alpha_breaks_the_last_line():
     uses="boosting.closed_form_alpha",
 )
 def test_a_learner_can_vanish_on_the_sample():
-    """h(s) = s(1 − s) on states 0 and 1: B = 0, Eq. 8 is 0/0, and the package adds nothing."""
-    states = np.array([0.0, 1.0])
-    h = states * (1 - states)
-    assert h @ h == 0 and 0.5 * (1 - 0.5) != 0
+    """h is not 0 elsewhere; Eq. 8 reads 0/0, and the package adds nothing."""
+    states = [0.0, 1.0]
+    h, B = sampled(states)
+    elsewhere, _ = sampled([0.5])
+    assert B == 0 < elsewhere
     assert closed_form_alpha(np.array([3.0, -1.0]), h) == 0
-    shows("h(s) = s(1 − s) sampled at s = 0 and 1: B = 0 though h(½) = ¼")
+    shows(
+        "h(s) = s(1 − s) sampled at s = {} and {}: B = {} though h(½) = {:/}", *states, B, elsewhere
+    )
 
 
 @control("T1-c")
 def test_control_one_sample_off_its_zeros_is_enough():
-    states = np.array([0.0, 0.5])
-    h = states * (1 - states)
-    assert h @ h > 0 and closed_form_alpha(np.array([3.0, 0.5]), h) == 2
+    """With one state moved to ½ B is positive, and α is A/B."""
+    h, B = sampled([0.0, 0.5])
+    assert B > 0 and closed_form_alpha(np.array([3.0, 0.5]), h) == 0.5 * h[1] / B
+
+
+def falls_with(residual, h, eta):
+    """What Σ r² falls by with the step η α h, and with η h."""
+    return fall(residual, eta * closed_form_alpha(residual, h) * h), fall(residual, eta * h)
 
 
 @claim(
@@ -241,28 +271,36 @@ def test_control_one_sample_off_its_zeros_is_enough():
 )
 @given(vectors, st.floats(0, 3))
 def test_what_shrinkage_leaves_of_the_fall(vectors, eta):
-    """Σ(r − ηαh)² = Σr² − (2η − η²) A²/B; Σ(r − ηh)² = Σr² − 2ηA + η²B."""
+    """(2η − η²) A²/B where η multiplies α, 2ηA − η²B where it takes the place of α."""
     residual, h = vectors
     assume(h.any())
     A, B, scale = residual @ h, h @ h, squares(residual) + 9 * squares(h)
-    part = squares(residual) - squares(residual - eta * closed_form_alpha(residual, h) * h)
-    assert part == pytest.approx((2 * eta - eta**2) * A**2 / B, abs=1e-11 * scale)
-    assert squares(residual) - squares(residual - eta * h) == pytest.approx(
-        2 * eta * A - eta**2 * B, abs=1e-11 * scale
-    )
-    shows(
-        "η · α: (2η − η²) A²/B, at η = 0.1 19 % of the fall; η for α: 2ηA − η²B, negative where α"
-        " < η/2"
-    )
+    times, instead = falls_with(residual, h, eta)
+    assert times == pytest.approx((2 * eta - eta**2) * A**2 / B, abs=1e-11 * scale)
+    assert instead == pytest.approx(2 * eta * A - eta**2 * B, abs=1e-11 * scale)
+    shows("η · α: (2η − η²) A²/B; η for α: 2ηA − η²B, negative where α < η/2")
+
+
+@also("T1-d")
+def test_the_printed_shrinkage_leaves_a_fifth_of_the_fall():
+    """Compared with the whole step on the same residual."""
+    residual, h = np.array([2.0, -1.0]), np.array([1.0, 1.0])
+    (part, _), (whole, _) = (falls_with(residual, h, eta) for eta in (paper.SHRINKAGE, 1))
+    assert 0 < part < whole
+    shows("η · α at η = {} has {:.0%} of the fall", paper.SHRINKAGE, part / whole)
 
 
 @control("T1-d")
-def test_control_too_large_a_step_raises_it():
-    """Negative control: η = 2.5, and η = 0.1 in the place of α = 0.04."""
-    residual, h = np.array([1.0, 1.0]), np.array([1.0, 1.0])
-    assert squares(residual - 2.5 * closed_form_alpha(residual, h) * h) > squares(residual)
-    assert closed_form_alpha(0.04 * h, h) == pytest.approx(0.04)
-    assert squares(0.04 * h - 0.1 * h) > squares(0.04 * h)
+@pytest.mark.parametrize(("eta", "alpha", "reading"), [(2.5, 1.0, 0), (0.1, 0.04, 1)])
+def test_control_too_large_a_step_raises_it(eta, alpha, reading):
+    """η above 2 as a factor of α, and η above 2α in its place."""
+    h = np.array([1.0, 1.0])
+    assert falls_with(alpha * h, h, eta)[reading] < 0
+
+
+def weighted_fall(residual, h, w, alpha):
+    """How far Σ w r² falls with the step αh."""
+    return (w * residual**2).sum() - (w * (residual - alpha * h) ** 2).sum()
 
 
 @claim(
@@ -276,21 +314,26 @@ def test_control_too_large_a_step_raises_it():
 )
 @given(vectors, st.integers(0, 10**6))
 def test_the_weighted_residual_falls_under_the_weighted_alpha(vectors, seed):
+    """By A_w²/B_w, with the same weights in α."""
     residual, h = vectors
     w = np.random.default_rng(seed).uniform(0, 1, len(h))
-    assume((w * h * h).sum() > 1e-6)
-    alpha = closed_form_alpha(residual, h, w)
-    fall = (w * residual**2).sum() - (w * (residual - alpha * h) ** 2).sum()
-    expected = (w * residual * h).sum() ** 2 / (w * h * h).sum()
-    assert fall == pytest.approx(expected, abs=1e-10 * squares(residual))
+    A, B = (w * residual * h).sum(), (w * h * h).sum()
+    assume(B > 1e-6)
+    found = weighted_fall(residual, h, w, closed_form_alpha(residual, h, w))
+    assert found == pytest.approx(A**2 / B, abs=1e-10 * squares(residual))
     shows("Σ w r² falls by exactly A_w²/B_w, A_w = Σ w r h, B_w = Σ w h²")
 
 
 @control("T1-e")
 def test_control_the_unweighted_alpha_does_not_give_that_fall():
+    """Without weights in α the weighted residual can rise."""
     residual, h, w = np.array([2.0, -1.0]), np.array([1.0, 1.0]), np.array([0.25, 1.0])
-    alpha = closed_form_alpha(residual, h)
-    assert (w * (residual - alpha * h) ** 2).sum() > (w * residual**2).sum()
+    assert weighted_fall(residual, h, w, closed_form_alpha(residual, h)) < 0
+
+
+def least_squares(features, residual):
+    """The fit in the span of the features."""
+    return features @ np.linalg.lstsq(features, residual)[0]
 
 
 @claim(
@@ -305,36 +348,48 @@ def test_control_the_unweighted_alpha_does_not_give_that_fall():
 )
 @given(st.integers(0, 10**6))
 def test_an_exact_fit_has_alpha_1(seed):
-    """Least squares: r − h ⟂ h, so A = B and the fall is Σh² (Pythagoras).
-
-    Any network with a linear output layer (v, b): h = ∂h/∂v · v + ∂h/∂b · b, so Σ (r − h) h = −(v
-    ∂L + b ∂L)/∂(v, b), with L = ½ Σ (r − h)²: 1 − α = (v · ∂L/∂v + b ∂L/∂b)/B without any training,
-    and 0 where the gradient is.
-    """
+    """r − h ⟂ h after least squares, so A = B, and the fall is Σ h² (Pythagoras)."""
     rng = np.random.default_rng(seed)
     features, residual = rng.normal(size=(6, 2)), rng.normal(size=6)
-    fit = features @ np.linalg.lstsq(features, residual)[0]
-    assert closed_form_alpha(residual, fit) == pytest.approx(1, abs=1e-6)
-    assert squares(residual) - squares(residual - fit) == pytest.approx(squares(fit), abs=1e-9)
-    net = MLP((2, 4, 1))
+    fit = least_squares(features, residual)
+    alpha = closed_form_alpha(residual, fit)
+    assert alpha == pytest.approx(1, abs=1e-6)
+    assert fall(residual, fit) == pytest.approx(squares(fit), abs=1e-9)
+    shows("linear class: α = {:.0f}, fall Σ h²", alpha)
+
+
+# A network with a linear output layer (v, b) has h = ∂h/∂v · v + ∂h/∂b · b. With L = ½ Σ (r − h)²,
+# hence Σ (r − h) h = −(v · ∂L/∂v + b ∂L/∂b), and A − B = Σ (r − h) h.
+
+
+@also("T1-f")
+@given(st.integers(0, 10**6))
+def test_a_network_at_a_stationary_point_has_alpha_1(seed):
+    """1 − α = (v · ∂L/∂v + b ∂L/∂b)/B at every θ, so it is 0 where the gradient is."""
+    rng = np.random.default_rng(seed)
+    features, residual, net = rng.normal(size=(6, 2)), rng.normal(size=6), MLP((2, 4, 1))
     theta = net.init(rng).astype(np.float64)
     h, cache = net.forward(theta, features)
     gradient = net.backward(theta, cache, h - residual[:, None])
     output = net.layers(theta)[-1] * net.layers(gradient)[-1]
     excess = 1 - closed_form_alpha(residual, h[:, 0])
     assert excess == pytest.approx(output.sum() / squares(h[:, 0]), abs=1e-9 * (1 + abs(excess)))
-    shows(
-        "linear class: α = 1, fall Σ h²; network: 1 − α = (v · ∂L/∂v + b ∂L/∂b)/B, 0 at a"
-        " stationary point"
-    )
+    shows("network: 1 − α = (v · ∂L/∂v + b ∂L/∂b)/B, 0 at a stationary point")
 
 
 @control("T1-f")
 def test_control_half_a_fit_has_alpha_2():
-    """Negative control: what is not fitted to the end has another α: of half of the fit, 2."""
+    """What is not fitted to the end has another α: of half of the fit, 2."""
     features, residual = np.eye(3)[:, :2], np.array([1.0, 2.0, 3.0])
-    fit = features @ np.linalg.lstsq(features, residual)[0]
+    fit = least_squares(features, residual)
     assert closed_form_alpha(residual, fit / 2) == pytest.approx(2)
+
+
+def left_by_a_constant(residual):
+    """Σ r² before and after the best constant."""
+    h = np.ones_like(residual)
+    alpha = closed_form_alpha(residual, h)
+    return squares(residual), squares(residual - alpha * h)
 
 
 @claim(
@@ -348,20 +403,30 @@ def test_control_half_a_fit_has_alpha_2():
     uses="boosting.closed_form_alpha",
 )
 def test_noise_is_a_floor():
-    """The same (s, a) twice, y = ±1, Q = Q* = 0: the best constant is 0, and Σ r² = 2 stays for
-    ever.
-    """
-    residual, h = np.array([1.0, -1.0]), np.array([1.0, 1.0])
-    assert closed_form_alpha(residual, h) == 0
-    assert squares(residual - closed_form_alpha(residual, h) * h) == 2
-    shows("(s, a) twice with y = ±1: Q = Q*, Σ r² = 2, and no function of (s, a) lowers it")
+    """The same pair twice; Q = Q* = 0 is the mean of y, and a function of (s, a) is a constant."""
+    y = np.array([1.0, -1.0])
+    before, after = left_by_a_constant(y)
+    assert after == before > 0
+    shows(
+        "(s, a) twice with y = ±{}: Q = Q*, Σ r² = {}, and no function of (s, a) lowers it",
+        y[0],
+        after,
+    )
 
 
 @control("T1-i")
 def test_control_above_the_floor_it_falls():
-    """Negative control: from Q = 1 on the same two samples, to the floor of 2."""
-    residual, h = np.array([0.0, -2.0]), np.array([1.0, 1.0])
-    assert squares(residual - closed_form_alpha(residual, h) * h) == 2 < squares(residual) == 4
+    """With Q = 1 instead of Q* on the same two samples, to the floor."""
+    before, after = left_by_a_constant(np.array([1.0, -1.0]) - 1)
+    _, floor = left_by_a_constant(np.array([1.0, -1.0]))
+    assert after == pytest.approx(floor) and after < before
+
+
+def whole_before_and_after(sampled):
+    """(α from the first so many samples, Σ r² of all of them before and after the step)."""
+    residual, h = np.array([1.0, -3.0]), np.array([1.0, 1.0])
+    alpha = closed_form_alpha(residual[:sampled], h[:sampled])
+    return residual, h, alpha, squares(residual), squares(residual - alpha * h)
 
 
 @claim(
@@ -372,17 +437,20 @@ def test_control_above_the_floor_it_falls():
     uses="boosting.closed_form_alpha",
 )
 def test_a_minibatch_can_raise_the_whole():
-    """r = (1, −3), h = (1, 1), the first one sampled: α = 1, and Σ r² rises from 10 to 16."""
-    residual, h = np.array([1.0, -3.0]), np.array([1.0, 1.0])
-    alpha = closed_form_alpha(residual[:1], h[:1])
-    assert (squares(residual), squares(residual - alpha * h)) == (10, 16)
-    shows("r = (1, −3), h = (1, 1), batch {1}: α = 1, 10 → 16")
+    """The first of two samples alone is the batch."""
+    residual, h, alpha, before, after = whole_before_and_after(sampled=1)
+    assert after > before
+    shows(
+        "r = ({}), h = ({}), the first one sampled: α = {}, {} → {}",
+        *(residual, h, alpha, before, after),
+    )
 
 
 @control("T1-j")
 def test_control_from_the_whole_buffer_it_falls():
-    residual, h = np.array([1.0, -3.0]), np.array([1.0, 1.0])
-    assert squares(residual - closed_form_alpha(residual, h) * h) == 8
+    """With both samples in α."""
+    *_, before, after = whole_before_and_after(sampled=2)
+    assert after < before
 
 
 @claim(
@@ -393,20 +461,23 @@ def test_control_from_the_whole_buffer_it_falls():
     uses="boosting.closed_form_alpha",
 )
 @given(vectors)
-def test_a_regression_booster_never_raises_the_training_loss(vectors):
-    """The same identity: labels do not move."""
+def test_a_regression_booster_lowers_the_training_loss(vectors):
+    """The same identity, since labels do not move."""
     residual, h = vectors
+    A, B = residual @ h, h @ h
+    assume(abs(A) > 1e-3 * np.sqrt(squares(residual) * B))
     after = squares(residual - closed_form_alpha(residual, h) * h)
-    assert after <= squares(residual) * (1 + 1e-12)
+    assert after < squares(residual)
+    assert after == pytest.approx(squares(residual) - A**2 / B, abs=1e-12 * squares(residual))
     shows(
-        "Σ r² falls by A²/B ≥ 0 on the training sample; on other samples of the same function it"
-        " can rise"
+        "Σ r² falls by A²/B on the training sample; on other samples of the same function it can"
+        " rise"
     )
 
 
 @control("T1-k")
 def test_control_on_other_samples_it_can_rise():
-    """Negative control: labels (1, −1) at two points, a constant trained on the first alone."""
-    train, test, h = np.array([1.0]), np.array([-1.0]), np.array([1.0])
-    alpha = closed_form_alpha(train, h)
-    assert squares(train - alpha * h) == 0 and squares(test - alpha * h) == 4 > squares(test)
+    """Labels (1, −1) at two points, a constant trained on the first alone."""
+    labels, h = np.array([1.0, -1.0]), np.ones(2)
+    alpha = closed_form_alpha(labels[:1], h[:1])
+    assert fall(labels[:1], alpha * h[:1]) > 0 > fall(labels[1:], alpha * h[1:])

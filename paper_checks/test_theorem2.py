@@ -12,37 +12,41 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from ledger import claim, control, shows
+from ledger import also, claim, control, shows
+from worlds import column, exact, funnel, loop, loops, random_mdp, row
 
 from gbdqn_ref.tabular import MDP
 
 SEEDS = st.integers(0, 10**6)
 
 
-def loops(rewards, gamma):
-    """One state whose actions all stay in it, for these rewards."""
-    return MDP(np.full((1, len(rewards), 1), F(1)), row(*rewards), gamma)
-
-
-def row(*values):
-    return np.array([[F(value) for value in values]])
-
-
-def random_mdp(seed, gamma, S=3, A=2):
+def random_start(seed, gamma):
+    """(a random MDP, Q, μ)."""
     rng = np.random.default_rng(seed)
-    mdp = MDP(rng.dirichlet(np.ones(S), size=(S, A)), rng.normal(size=(S, A)), gamma)
-    return mdp, rng.normal(size=(S, A)), rng.dirichlet(np.ones(S * A)).reshape(S, A)
+    mdp = random_mdp(rng, gamma)
+    return mdp, rng.normal(size=(3, 2)), rng.dirichlet(np.ones(6)).reshape(3, 2)
 
 
-def shrinking_steps(boosts):
-    """E after each boost with the exact residual and α_m = 2/(m + 1)², on one loop without reward
+HALF = F(1, 2)
+
+
+def errors_with_steps(alphas, gamma=HALF):
+    """E before each boost with the exact residual and after the last, on one loop without reward
     from Q = 2.
     """
-    mdp, Q, errors = loops((0,), F(1, 2)), row(2), []
-    for m in range(1, boosts + 1):
+    mdp, Q, errors = loop(0, gamma), row(2), []
+    for alpha in [*alphas, 0]:
         errors.append(mdp.bellman_error(Q, row(1)))
-        Q = Q + F(2, (m + 1) ** 2) * mdp.residual(Q)
-    return Q, errors
+        Q = Q + alpha * mdp.residual(Q)
+    return errors
+
+
+def shrinking(boosts):
+    """The steps α_m = 2/(m + 1)²."""
+    return [F(2, (m + 1) ** 2) for m in range(1, boosts + 1)]
+
+
+LIMIT = F(1, 4)  # of E with these steps, since the product of 1 − 1/(m + 1)² tends to ½
 
 
 @claim(
@@ -54,41 +58,51 @@ def shrinking_steps(boosts):
 )
 @pytest.mark.parametrize("boosts", [1, 5, 40])
 def test_a_strict_fall_need_not_reach_0(boosts):
-    """Q_m = (m + 2)/(m + 1) → 1: E falls from 1 at every step, to ¼, since the product of 1 − 1/(m
-    + 1)² is ½.
-    """
-    Q, errors = shrinking_steps(boosts)
-    assert Q[0, 0] == F(boosts + 2, boosts + 1)
-    assert all(later < earlier for earlier, later in pairwise(errors))
-    assert errors[-1] > F(1, 4)
+    """E falls from 1 at every step and stays above ¼, since Q_m = (m + 2)/(m + 1) → 1."""
+    errors = errors_with_steps(shrinking(boosts))
+    assert all(LIMIT < later < earlier for earlier, later in pairwise(errors))
+    assert errors[-1] == F(boosts + 2, 2 * boosts + 2) ** 2
     shows(
-        "1 state, 1 action, r = 0, γ = ½, exact residual, α_m = 2/(m + 1)²: E falls from 1 to ¼,"
-        " strictly"
+        "1 state, 1 action, r = 0, γ = {}, exact residual, α_m = 2/(m + 1)²: E falls from {} to"
+        " {}, strictly",
+        *(HALF, errors[0], LIMIT),
     )
 
 
 @control("T2-a")
 def test_control_a_fall_by_a_fixed_part_does_reach_0():
-    """Negative control, and what takes its place: E_m ≤ (1 − c) E_{m−1} with one c > 0; here α = 1
-    gives 1 − c = γ².
-    """
-    mdp, Q = loops((0,), F(1, 2)), row(2)
-    for m in range(12):
-        assert mdp.bellman_error(Q, row(1)) == F(1, 4) ** m
-        Q = Q + mdp.residual(Q)
+    """With α = 1 every step leaves γ² of E."""
+    assert errors_with_steps([1] * 12) == [F(1, 4) ** m for m in range(13)]
 
 
 def rising(gamma=F(9, 10)):
-    """One state, two loops, Q = (0, 1) = Q*_old of r = (−0.9, 0.1), new rewards (0.1, 2.1): the
-    residual is (1, 2).
+    """Two loops and a Q that was right before the rewards drifted: the residual is (1, 2)."""
+    old, rewards, Q = loops((F(-9, 10), F(1, 10)), F(9, 10)), (F(1, 10), F(21, 10)), row(0, 1)
+    assert not old.residual(Q).any()
+    return loops(rewards, gamma), Q
+
+
+def parabola(mdp, Q, mu):
+    """(a, b, c) with E(Q + αg) = a + b α + c α², from three values of α, where no greedy action
+    changes.
     """
-    mdp, Q = loops((F(1, 10), F(21, 10)), gamma), row(0, 1)
-    assert loops((F(-9, 10), F(1, 10)), F(9, 10)).residual(Q).tolist() == [[0, 0]]
-    return mdp, Q
+    low, middle, high = (mdp.bellman_error(Q + alpha * mdp.residual(Q), mu) for alpha in (-1, 0, 1))
+    return middle, (high - low) / 2, (high + low) / 2 - middle
 
 
-def error_along(mdp, Q, mu, alpha):
-    return mdp.bellman_error(Q + alpha * mdp.residual(Q), mu)
+def slopes(error, Q, step=1e-5):
+    """∂E/∂Q by central differences."""
+    found = np.zeros(Q.shape)
+    for pair in np.ndindex(Q.shape):
+        d = np.zeros(Q.shape)
+        d[pair] = step
+        found[pair] = (error(Q + d) - error(Q - d)) / (2 * step)
+    return found
+
+
+def away_from_ties(Q):
+    """Whether the two actions of every state differ by more than a small step."""
+    return np.ptp(Q, axis=-1).min() > 1e-3
 
 
 @claim(
@@ -100,23 +114,27 @@ def error_along(mdp, Q, mu, alpha):
 )
 @given(SEEDS, st.floats(0, 0.9))
 def test_the_gradient_passes_through_the_target(seed, gamma):
-    """Central differences of E_μ against the formula, away from ties; −2 D g is the gradient for a
-    frozen target.
-    """
-    mdp, Q, mu = random_mdp(seed, gamma)
-    gaps = np.sort(Q, -1)
-    assume((gaps[:, -1] - gaps[:, -2]).min() > 1e-3)
-    greedy = np.eye(2)[Q.argmax(-1)]  # (S, A)
-    flow = gamma * mdp.P[..., None] * greedy  # how Q(s', a') enters 𝒯Q(s, a)
+    """Central differences of E_μ against the formula, away from ties."""
+    mdp, Q, mu = random_start(seed, gamma)
+    assume(away_from_ties(Q))
     weighted = mu * mdp.residual(Q)
+    flow = gamma * mdp.P[..., None] * np.eye(2)[Q.argmax(-1)]  # how Q(s', a') enters 𝒯Q(s, a)
     gradient = 2 * (np.einsum("sa,satb->tb", weighted, flow) - weighted)
-    step = 1e-5
-    for s, a in np.ndindex(3, 2):
-        d = np.zeros((3, 2))
-        d[s, a] = step
-        slope = (mdp.bellman_error(Q + d, mu) - mdp.bellman_error(Q - d, mu)) / (2 * step)
-        assert slope == pytest.approx(gradient[s, a], abs=1e-6)
-    shows("central differences agree with 2 (γ P_π − I)ᵀ D g; with the target frozen it is −2 D g")
+    np.testing.assert_allclose(slopes(lambda q: mdp.bellman_error(q, mu), Q), gradient, atol=1e-6)
+    shows("central differences agree with 2 (γ P_π − I)ᵀ D g")
+
+
+@control("T2-b")
+@given(SEEDS, st.floats(0, 0.9))
+def test_control_with_the_target_frozen_it_is_the_residual(seed, gamma):
+    """With 𝒯Q held fixed the gradient is −2 D g."""
+    mdp, Q, mu = random_start(seed, gamma)
+    y = mdp.bellman(Q)
+    frozen = slopes(lambda q: (mu * (y - q) ** 2).sum(), Q)
+    np.testing.assert_allclose(frozen, -2 * mu * mdp.residual(Q), atol=1e-6)
+
+
+EVEN, UNEVEN = row(F(1, 2), F(1, 2)), row(F(1, 3), F(2, 3))
 
 
 @claim(
@@ -128,10 +146,15 @@ def test_the_gradient_passes_through_the_target(seed, gamma):
 )
 @pytest.mark.parametrize("alpha", [F(1, 1000), F(1, 10), F(1)])
 def test_the_error_can_rise_along_the_residual(alpha):
+    """E is a parabola whose slope at 0 is positive."""
     mdp, Q = rising()
-    mu = row(F(1, 2), F(1, 2))
-    assert error_along(mdp, Q, mu, alpha) == F(5, 2) + F(2, 5) * alpha + F(34, 100) * alpha**2
-    shows("γ = 0.9, r = (0.1, 2.1), Q = (0, 1), uniform μ: E(α) = 2.5 + 0.4 α + 0.34 α²")
+    a, b, c = parabola(mdp, Q, EVEN)
+    along = mdp.bellman_error(Q + alpha * mdp.residual(Q), EVEN)
+    assert along == a + b * alpha + c * alpha**2 > a
+    shows(
+        "γ = {:g}, r = ({:g}), Q = ({}), uniform μ: E(α) = {:g} + {:g} α + {:g} α²",
+        *(mdp.gamma, mdp.r, Q, a, b, c),
+    )
 
 
 @claim(
@@ -142,30 +165,35 @@ def test_the_error_can_rise_along_the_residual(alpha):
     uses="tabular.MDP",
 )
 def test_the_best_step_can_be_0():
-    """A parabola with its vertex at 0 is given by three values; Q* = (19, 21), and E stays at 3."""
+    """The parabola has its vertex at 0, and Q is far from Q*."""
     mdp, Q = rising()
-    mu = row(F(1, 3), F(2, 3))
-    assert [error_along(mdp, Q, mu, alpha) for alpha in (F(-1), F(0), F(1))] == [
-        F(81, 25),
-        3,
-        F(81, 25),
-    ]
-    np.testing.assert_allclose(
-        MDP(mdp.P.astype(float), mdp.r.astype(float), 0.9).q_star(), [[19, 21]]
+    a, b, c = parabola(mdp, Q, UNEVEN)
+    optimal = MDP(mdp.P.astype(float), mdp.r.astype(float), 0.9).q_star()
+    assert b == 0 < min(a, c) and abs(optimal - Q.astype(float)).min() > 10
+    shows(
+        "the same with μ = ({}): E(α) = {:g} + {:g} α², whose best step is {:g}; Q* = ({:.0f})",
+        *(UNEVEN, a, c, -b / (2 * c), optimal),
     )
-    shows("the same with μ = (⅓, ⅔): E(α) = 3 + 0.24 α², whose best step is 0; Q* = (19, 21)")
 
 
-@control("T2-b", "T2-c", "T2-d")
-@pytest.mark.parametrize("alpha", [F(1, 1000), F(1, 10), F(1)])
-def test_control_with_a_frozen_target_or_a_short_horizon_it_falls(alpha):
-    """Negative control: with γ = 0 nothing passes through the target, and the residual is the way
-    down.
+@control("T2-c", "T2-d")
+@pytest.mark.parametrize("mu", [EVEN, UNEVEN], ids=["even", "uneven"])
+def test_control_without_a_future_it_falls(mu):
+    """With γ = 0 nothing passes through the target, and E(α) = (1 − α)² E(0)."""
+    a, b, c = parabola(*rising(gamma=F(0)), mu)
+    assert (b, c) == (-2 * a, a)
+
+
+def fitted(mu, boosts=4):
+    """E at each boost, where the residual of the loops without reward is fitted in span{(1, 2)} on
+    the pairs of μ alone, or on all if μ has them all.
     """
-    mdp, Q = loops((F(1, 10), F(21, 10)), F(0)), row(0, 1)
-    for mu in (row(F(1, 2), F(1, 2)), row(F(1, 3), F(2, 3))):
-        before, after = mdp.bellman_error(Q, mu), error_along(mdp, Q, mu, alpha)
-        assert after == (1 - alpha) ** 2 * before < before
+    mdp, Q, phi, errors = loops((0, 0), F(9, 10)), row(1, 2), row(1, 2), []
+    for _ in range(boosts):
+        errors.append(mdp.bellman_error(Q, mu))
+        residual = mdp.residual(Q)
+        Q = Q + (residual if mu.all() else residual[0, 0] * phi)
+    return errors
 
 
 @claim(
@@ -176,16 +204,33 @@ def test_control_with_a_frozen_target_or_a_short_horizon_it_falls(alpha):
     uses="tabular.MDP",
 )
 def test_a_class_that_is_dense_where_mu_looks_can_diverge():
-    """μ on a₀ alone, so span{(1, 2)} is dense in L2(μ); r = 0, γ = 0.9: each exact fit multiplies E
-    by (2γ)² = 3.24.
+    """μ has the first pair alone, so the class is dense in L2(μ); each exact fit multiplies E by
+    (2γ)².
     """
-    mdp, Q, mu = loops((0, 0), F(9, 10)), row(1, 2), row(1, 0)
-    errors = []
-    for _ in range(4):
-        errors.append(mdp.bellman_error(Q, mu))
-        Q = Q + mdp.residual(Q)[0, 0] * row(1, 2)
-    assert errors == [F(64, 100) * F(324, 100) ** m for m in range(4)]
-    shows("0.64, 2.0736, 6.7185, … × 3.24: μ on one of two actions, learners c · (1, 2)")
+    errors = fitted(row(1, 0))
+    factor = (2 * F(9, 10)) ** 2
+    assert all(later == factor * earlier for earlier, later in pairwise(errors))
+    shows(
+        "{:.5g}, … × {:g}: μ on one of two actions, learners c · ({})",
+        *(errors[:3], factor, row(1, 2)),
+    )
+
+
+@control("T2-e")
+def test_control_with_both_actions_in_the_data_the_same_start_converges():
+    """With the residual fitted on both, every further step leaves γ² of E."""
+    errors = fitted(EVEN)
+    assert all(later == F(81, 100) * earlier for earlier, later in pairwise(errors[1:]))
+
+
+def after_exact_fits(mdp, Q, boosts):
+    """Q after so many boosts with the exact residual."""
+    for _ in range(boosts):
+        Q = Q + mdp.residual(Q)
+    return Q
+
+
+# ‖g_m‖∞ ≤ γ^m ‖g_0‖∞, E_μ ≤ ‖g‖∞², and ‖g‖∞² ≤ E_μ / min μ.
 
 
 @claim(
@@ -200,28 +245,48 @@ def test_a_class_that_is_dense_where_mu_looks_can_diverge():
 )
 @given(SEEDS, st.floats(0, 0.95), st.integers(1, 8))
 def test_with_full_support_exact_boosters_converge(seed, gamma, boosts):
-    """‖g_m‖∞ ≤ γ^m ‖g_0‖∞, E_μ ≤ ‖g‖∞² and ‖g‖∞² ≤ E_μ / min μ."""
-    mdp, Q, mu = random_mdp(seed, gamma)
+    """On random MDPs E is at most γ^{2m} / min μ of the first one."""
+    mdp, Q, mu = random_start(seed, gamma)
     assume(mu.min() > 1e-6)
-    start = mdp.bellman_error(Q, mu)
-    for _ in range(boosts):
-        Q = Q + mdp.residual(Q)
-    assert mdp.bellman_error(Q, mu) <= gamma ** (2 * boosts) * start / mu.min() * (1 + 1e-9) + 1e-12
+    bound = gamma ** (2 * boosts) * mdp.bellman_error(Q, mu) / mu.min()
+    after = mdp.bellman_error(after_exact_fits(mdp, Q, boosts), mu)
+    assert after <= bound * (1 + 1e-9) + 1e-12
+    shows("random MDPs")
+
+
+@also("T2-f")
+@pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
+def test_it_may_rise_first(gamma):
+    """On the drifted loop, so the hypothesis fails where the outcome holds."""
+    mdp, Q = loops((0, 1), gamma), row(0, 0)
+    before, after = (mdp.bellman_error(after_exact_fits(mdp, Q, m), row(1, 1)) for m in (0, 1))
+    assert before == 1 < after == 2 * gamma**2
     shows(
-        "random MDPs; it may rise first, 1 → 2γ² on the drifted loop, so the hypothesis fails where"
-        " the outcome holds"
+        "it may rise first, {} → 2γ² on the drifted loop, so the hypothesis fails where the outcome"
+        " holds",
+        before,
     )
 
 
-@control("T2-e", "T2-f")
-def test_control_with_both_actions_in_the_data_the_same_start_converges():
-    """Negative control: fit the residual on both actions, and 3.24 a step becomes 0.81."""
-    mdp, Q, mu = loops((0, 0), F(9, 10)), row(1, 2), row(F(1, 2), F(1, 2))
-    errors = []
-    for _ in range(4):
-        errors.append(mdp.bellman_error(Q, mu))
-        Q = Q + mdp.residual(Q)
-    assert all(later == F(81, 100) * earlier for earlier, later in pairwise(errors[1:]))
+@control("T2-f")
+def test_control_with_a_pair_that_mu_leaves_out_there_is_no_bound():
+    """Where μ leaves out the pair with the error E starts at 0, and one exact fit of the rest does
+    not keep it there.
+    """
+    mdp, Q, mu = loops((0, 0), F(9, 10)), row(9, 10), row(1, 0)
+    before = mdp.bellman_error(Q, mu)
+    assert before == 0 < mdp.bellman_error(after_exact_fits(mdp, Q, 1), mu)
+
+
+def distance_and_bound(mdp, Q, mu):
+    """(‖Q − Q*‖∞, √(E_μ / min μ) / (1 − γ))."""
+    Q = Q.astype(float)
+    smallest = mu[mu > 0].min()
+    bound = np.sqrt(float(mdp.bellman_error(Q, mu) / smallest)) / (1 - mdp.gamma)
+    return np.abs(Q - mdp.q_star()).max(), float(bound)
+
+
+# Q − Q* = (Q − 𝒯Q) + (𝒯Q − 𝒯Q*), whose second part is at most γ ‖Q − Q*‖∞.
 
 
 @claim(
@@ -236,25 +301,56 @@ def test_control_with_both_actions_in_the_data_the_same_start_converges():
 )
 @given(SEEDS, st.floats(0, 0.95))
 def test_a_small_error_everywhere_is_a_q_near_q_star(seed, gamma):
-    """Q − Q* = (Q − 𝒯Q) + (𝒯Q − 𝒯Q*), whose second part is at most γ ‖Q − Q*‖∞."""
-    mdp, Q, mu = random_mdp(seed, gamma)
+    """On random MDPs the distance to Q* is within the bound."""
+    mdp, Q, mu = random_start(seed, gamma)
     assume(mu.min() > 1e-6)
-    bound = np.sqrt(mdp.bellman_error(Q, mu) / mu.min()) / (1 - gamma)
-    assert np.abs(Q - mdp.q_star()).max() <= bound * (1 + 1e-9) + 1e-9
+    distance, bound = distance_and_bound(mdp, Q, mu)
+    assert distance <= bound * (1 + 1e-9) + 1e-9
+    shows("random MDPs")
+
+
+@also("T2-i")
+def test_a_loop_meets_the_bound():
+    """There the whole factor 1/(1 − γ) is between the residual and the distance."""
+    mdp, Q, mu = loop(1, 0.99), row(0), row(1)
+    distance, bound = distance_and_bound(mdp, Q, mu)
+    assert distance == pytest.approx(bound)
     shows(
-        "random MDPs; a loop with r = 1 meets the factor 1/(1 − γ) at Q = 0: residual 1, error 100"
-        " at γ = 0.99"
+        "a loop with r = {} meets the factor 1/(1 − γ) at Q = {}: residual {}, error {:.0f} at"
+        " γ = {}",
+        *(mdp.r, Q, mdp.residual(Q), distance, mdp.gamma),
     )
 
 
 @control("T2-i")
 def test_control_an_error_of_0_where_mu_looks_can_be_a_wrong_q():
-    """Negative control: μ on a₀ alone, Q = (9, 10), r = 0, γ = 0.9: E = 0, Q* = (0, 0), wrong by 9
-    where μ looks.
+    """μ on the first pair alone: E = 0, and Q is wrong there too."""
+    distance, bound = distance_and_bound(loops((0, 0), 0.9), row(9, 10), row(1, 0))
+    assert bound == pytest.approx(0, abs=1e-9) and distance > 9
+
+
+@control("T2-i")
+def test_control_countably_many_states_are_not_enough():
+    """k → k + 1 without reward, γ = 0.9, μ_k = 2^{−(k+1)}, Q_m(k) = 0.9^{−k} up to k = m: E → 0,
+    and Q_m(0) = 1 stays. Cut off at 80 states, where min μ is next to 0.
     """
-    mdp = loops((0, 0), F(9, 10))
-    assert mdp.bellman_error(row(9, 10), row(1, 0)) == 0
-    assert mdp.residual(row(0, 0)).tolist() == [[0, 0]]
+    P = np.zeros((81, 1, 81))
+    P[np.arange(80), 0, np.arange(1, 81)] = P[80, 0, 80] = 1
+    mdp, mu = MDP(P, np.zeros((81, 1)), 0.9), 0.5 ** np.arange(1, 82)[:, None]
+    for m in (10, 30, 60):
+        Q = np.where(np.arange(81) <= m, 0.9 ** -np.arange(81.0), 0)[:, None]
+        found = mdp.bellman_error(Q, mu)
+        assert Q[0, 0] - mdp.q_star()[0, 0] == 1
+        assert found == pytest.approx(0.5 ** (m + 1) * 0.81**-m, rel=1e-9)
+    assert found < 1e-12
+
+
+def stretched(size):
+    """How much 𝒯 stretches a difference of (0, 1), by this measure of size; two states that both
+    lead to the second, γ = 0.9.
+    """
+    mdp, zero, d = funnel(0, 0, F(9, 10)), column(0, 0), column(0, 1)
+    return mdp.gamma, size(mdp.bellman(d) - mdp.bellman(zero)) / size(d)
 
 
 @claim(
@@ -265,26 +361,31 @@ def test_control_an_error_of_0_where_mu_looks_can_be_a_wrong_q():
     uses="tabular.MDP.bellman",
 )
 def test_the_operator_can_stretch_in_l2():
-    """Two states, both lead to the second: a difference of (0, 1) becomes (γ, γ)."""
-    P = np.array([[[F(0), F(1)]], [[F(0), F(1)]]])
-    mdp, gamma = MDP(P, np.array([[F(0)], [F(0)]]), F(9, 10)), F(9, 10)
-    zero, d = np.array([[F(0)], [F(0)]]), np.array([[F(0)], [F(1)]])
-    image = mdp.bellman(d) - mdp.bellman(zero)
-    assert (image**2).sum() / (d**2).sum() == 2 * gamma**2 > 1
+    """Under the uniform μ, by √2 γ."""
+    gamma, squared = stretched(lambda x: (x**2).sum())
+    assert squared == 2 * gamma**2 > 1
     shows(
-        "two states that lead to the second, uniform μ, γ = 0.9: a distance grows by the factor"
-        " 1.27"
+        "two states that lead to the second, uniform μ, γ = {:g}: a distance grows by the factor"
+        " {:.2f}",
+        *(gamma, float(squared) ** 0.5),
     )
 
 
 @control("T2-k")
 def test_control_in_the_sup_norm_it_shrinks():
-    """Negative control: the same two Qs are γ apart in the largest entry."""
-    P = np.array([[[F(0), F(1)]], [[F(0), F(1)]]])
-    mdp = MDP(P, np.array([[F(0)], [F(0)]]), F(9, 10))
-    assert abs(
-        mdp.bellman(np.array([[F(0)], [F(1)]])) - mdp.bellman(np.array([[F(0)], [F(0)]]))
-    ).max() == F(9, 10)
+    """The same two Qs are γ apart in the largest entry."""
+    gamma, factor = stretched(lambda x: abs(x).max())
+    assert factor == gamma < 1
+
+
+def errors_of_samples(rewards):
+    """(E_μ(Q*), the mean squared TD error at Q*) where the first state of the funnel pays these
+    rewards with even odds.
+    """
+    mean = sum(exact(*rewards)) / len(rewards)
+    mdp, Q = funnel(mean, 0, F(1, 2)), column(mean, 0)
+    y = exact(*rewards) + mdp.gamma * Q[1].max()
+    return mdp.bellman_error(Q, column(1, 0)), ((y - Q[0, 0]) ** 2).sum() / len(rewards)
 
 
 @claim(
@@ -295,39 +396,21 @@ def test_control_in_the_sup_norm_it_shrinks():
     uses="tabular.MDP",
 )
 def test_noise_of_the_target_counts_as_error():
-    """E[(y − Q)²] = (𝒯Q − Q)² + Var(y): a terminal reward of ±1 leaves 1 at Q*, where E_μ is 0."""
-    P = np.array([[[F(0), F(1), F(0)]], [[F(0), F(1), F(0)]], [[F(0), F(1), F(0)]]])
-    mdp = MDP(P, np.array([[F(0)], [F(0)], [F(0)]]), F(1, 2))  # the mean of ±1 is 0, and so is Q*
-    Q, mu = np.array([[F(0)], [F(0)], [F(0)]]), np.array([[F(1)], [F(0)], [F(0)]])
-    assert mdp.bellman_error(Q, mu) == 0
-    assert sum(F(1, 2) * (y - Q[0, 0]) ** 2 for y in (-1, 1)) == 1
-    shows("a terminal reward of ±1 with even odds: E_μ(Q*) = 0, mean squared TD error 1")
+    """E[(y − Q)²] = (𝒯Q − Q)² + Var(y)."""
+    rewards = (1, -1)
+    error, squared = errors_of_samples(rewards)
+    assert (error, squared) == (0, np.var(rewards))
+    shows(
+        "a terminal reward of ±{} with even odds: E_μ(Q*) = {}, mean squared TD error {}",
+        *(rewards[0], error, squared),
+    )
 
 
 @control("T2-m")
 def test_control_without_noise_the_two_agree():
-    """Negative control: for a deterministic reward the squared TD error is E_μ."""
-    mdp, Q = loops((F(3),), F(1, 2)), row(2)
-    assert mdp.bellman_error(Q, row(1)) == (3 + F(1, 2) * 2 - 2) ** 2
-
-
-def test_countably_many_states_with_all_of_them_in_mu_are_not_enough():
-    """k → k + 1 without reward, γ = 0.9, μ_k = 2^{−(k+1)}, Q_m(k) = 0.9^{−k} up to k = m: E → 0,
-    and Q_m(0) = 1 stays.
-
-    The residual is 0 but at k = m, where it is −0.9^{−m}: E_m = 2^{−(m+1)} 0.81^{−m}. Cut off at 80
-    states.
-    """
-    P = np.zeros((81, 1, 81))
-    P[np.arange(80), 0, np.arange(1, 81)] = P[80, 0, 80] = 1
-    mdp, mu = MDP(P, np.zeros((81, 1)), 0.9), 0.5 ** np.arange(1, 82)[:, None]
-    errors = []
-    for m in (10, 30, 60):
-        Q = np.where(np.arange(81) <= m, 0.9 ** -np.arange(81.0), 0)[:, None]
-        errors.append(mdp.bellman_error(Q, mu))
-        assert Q[0, 0] == 1 and mdp.q_star()[0, 0] == 0
-        assert errors[-1] == pytest.approx(0.5 ** (m + 1) * 0.81**-m, rel=1e-9)
-    assert errors[-1] < 1e-12
+    """For a certain reward the squared TD error is E_μ."""
+    error, squared = errors_of_samples((3, 3))
+    assert error == squared == 0
 
 
 @claim(
@@ -337,15 +420,13 @@ def test_countably_many_states_with_all_of_them_in_mu_are_not_enough():
     verdict="holds",
     uses="tabular.MDP",
 )
-@pytest.mark.parametrize("boosts", [2, 10, 30])
+@pytest.mark.parametrize("boosts", [1, 9, 29])
 def test_the_falling_errors_do_converge(boosts):
-    """To their infimum, not to 0: of T2-a's sequence the m-th error is ((m + 1)/2m)², within 1/m of
-    ¼.
-    """
-    _, errors = shrinking_steps(boosts)
-    assert errors[-1] == F(boosts + 1, 2 * boosts) ** 2
-    assert 0 < errors[-1] - F(1, 4) < F(1, boosts)
-    shows("E_m = ((m + 1)/2m)² falls to its infimum ¼")
+    """To their infimum, not to 0: the m-th error of T2-a's sequence is within 1/m of it."""
+    m, last = boosts + 1, errors_with_steps(shrinking(boosts))[-1]
+    assert last == F(m + 1, 2 * m) ** 2
+    assert 0 < last - LIMIT < F(1, m)
+    shows("E_m = ((m + 1)/2m)² falls to its infimum {}", LIMIT)
 
 
 @claim(
@@ -357,23 +438,30 @@ def test_the_falling_errors_do_converge(boosts):
 )
 @pytest.mark.parametrize("boosts", [2, 10, 30])
 def test_each_further_step_lowers_it_and_none_reaches_the_limit(boosts):
-    """At every m the next step lowers E, and it ends above ¼: no contradiction with a limit of
-    ¼.
-    """
-    _, errors = shrinking_steps(boosts + 1)
-    assert F(1, 4) < errors[-1] < errors[-2]
-    shows("of T2-a's sequence: E_{m+1} < E_m and E_{m+1} > ¼ at every m")
+    """At every m the next step lowers E, and it ends above the limit: no contradiction."""
+    *_, before, after = errors_with_steps(shrinking(boosts))
+    assert LIMIT < after < before
+    shows("of T2-a's sequence: E_{{m+1}} < E_m and E_{{m+1}} > {} at every m", LIMIT)
 
 
 @control("T2-g", "T2-h")
 def test_control_steps_of_a_fixed_part_do_pass_every_positive_level():
-    """Negative control: if each step takes a fixed part, as here with α = 1, no positive number is
-    a limit.
-    """
-    mdp, Q = loops((0,), F(1, 2)), row(2)
-    for _ in range(3):
-        Q = Q + mdp.residual(Q)
-    assert mdp.bellman_error(Q, row(1)) == F(1, 64) < F(1, 4)
+    """If each step takes a fixed part, as with α = 1, no positive number is a limit."""
+    assert errors_with_steps([1] * 3)[-1] < LIMIT
+
+
+FIRST, SECOND = row(9, 0), row(9, 10)
+
+
+def two_errors(mu):
+    """E of FIRST and of SECOND, on two loops without reward."""
+    mdp = loops((0, 0), F(9, 10))
+    return mdp, [mdp.bellman_error(Q, mu) for Q in (FIRST, SECOND)]
+
+
+def equal_in_l2(mu):
+    """Whether the two are equal in L2(μ)."""
+    return not (mu * (FIRST - SECOND) ** 2).any()
 
 
 @claim(
@@ -386,18 +474,32 @@ def test_control_steps_of_a_fixed_part_do_pass_every_positive_level():
     uses="tabular.MDP.bellman_error",
 )
 def test_equal_functions_have_different_errors():
-    """μ on the first of two loops: Q = (9, 0) and (9, 10) are equal μ-almost everywhere."""
-    mdp, mu = loops((0, 0), F(9, 10)), row(1, 0)
-    assert mdp.bellman_error(row(9, 0), mu) == F(81, 100)
-    assert mdp.bellman_error(row(9, 10), mu) == 0
-    shows("μ = (1, 0), r = 0, γ = 0.9: E(9, 0) = 0.81, E(9, 10) = 0")
+    """μ has the first of two pairs alone, where the two functions agree."""
+    mu = row(1, 0)
+    mdp, (first, second) = two_errors(mu)
+    assert equal_in_l2(mu) and first != second
+    shows(
+        "μ = ({}), r = {}, γ = {:g}: E({}) = {:g}, E({}) = {:g}",
+        *(mu, mdp.r[0, 0], mdp.gamma, FIRST, first, SECOND, second),
+    )
 
 
 @control("T2-j")
-def test_control_with_every_pair_in_mu_equal_functions_are_equal():
-    mdp, mu = loops((0, 0), F(9, 10)), row(F(1, 2), F(1, 2))
-    assert mdp.bellman_error(row(9, 0), mu) != mdp.bellman_error(row(9, 10), mu)
-    assert (row(9, 0) != row(9, 10)).any()
+def test_control_with_every_pair_in_mu_they_are_two_functions():
+    """With both pairs in μ they may well have two errors."""
+    assert not equal_in_l2(EVEN)
+
+
+def fits(measures):
+    """[(w, E before on this μ, after)] of exact fits in span{(1, −1)} on one μ after the other;
+    γ = 0, targets (1, 1), from w = 0.
+    """
+    mdp, phi, w, found = loops((1, 1), 0), row(1, -1), F(0), []
+    for mu in measures:
+        before = mdp.bellman_error(w * phi, mu)
+        w += (mu * phi * mdp.residual(w * phi)).sum() / (mu * phi**2).sum()
+        found.append((w, before, mdp.bellman_error(w * phi, mu)))
+    return found
 
 
 @claim(
@@ -408,26 +510,36 @@ def test_control_with_every_pair_in_mu_equal_functions_are_equal():
     uses="tabular.MDP.bellman_error",
 )
 def test_a_changing_mu_can_go_round_in_circles():
-    """γ = 0, targets (1, 1), learners w · (1, −1): fitted to the first pair w = 1, to the second w
-    = −1, and so on.
+    """Fitted to the first pair and to the second in turn, each step takes its own E to 0 and undoes
+    the one before.
     """
-    mdp, phi, w = loops((1, 1), 0), row(1, -1), F(0)
-    for m in range(6):
-        mu = row(1, 0) if m % 2 == 0 else row(0, 1)
-        before = mdp.bellman_error(w * phi, mu)
-        w += (mu * phi * mdp.residual(w * phi)).sum()  # the exact fit on this μ
-        assert mdp.bellman_error(w * phi, mu) == 0 < before
-        assert mdp.bellman_error(w * phi, row(1, 1)) == 4
-    shows("γ = 0, μ on either pair in turn: every step takes its own E_μ to 0, and w = 1, −1, 1, …")
+    found = fits([row(1, 0), row(0, 1)] * 3)
+    assert all(after == 0 < before for _, before, after in found)
+    w = [each for each, _, _ in found]
+    assert w[2:] == w[:-2] and w[0] != w[1]
+    shows(
+        "γ = 0, μ on either pair in turn: every step takes its own E_μ to {}, and w = {}, …",
+        *(found[-1][2], w[:3]),
+    )
 
 
 @control("T2-l")
 def test_control_with_a_fixed_mu_it_settles():
-    """Negative control: with both pairs in μ the best w is 0, found at once and kept."""
-    mdp, phi, w, mu = loops((1, 1), 0), row(1, -1), F(1), row(F(1, 2), F(1, 2))
-    for _ in range(3):
-        w += (mu * phi * mdp.residual(w * phi)).sum()
-        assert w == 0
+    """With both pairs in μ the best w is found at once and kept."""
+    assert len({w for w, _, _ in fits([EVEN] * 3)}) == 1
+
+
+def newton(mdp, Q):
+    """d = (I − γ P_π)⁻¹ g, with π greedy."""
+    greedy = np.eye(Q.shape[1])[Q.argmax(1)]
+    P_pi = (mdp.P.astype(float)[..., None] * greedy).reshape(Q.size, Q.size)
+    g = mdp.residual(Q).astype(float)
+    d = np.linalg.solve(np.eye(Q.size) - float(mdp.gamma) * P_pi, g.ravel())
+    return d.reshape(Q.shape)
+
+
+# Where one action is greedy in each state, 𝒯′(Q; d) = γ P_π d, so d = g + γ P_π d, and
+# 𝒯(Q + εd) − Q − εd = g + ε(γ P_π d − d) = (1 − ε) g as long as no greedy action changes.
 
 
 @claim(
@@ -444,34 +556,41 @@ def test_control_with_a_fixed_mu_it_settles():
 )
 @given(SEEDS, st.floats(0, 0.95))
 def test_newtons_direction_always_descends(seed, gamma):
-    """With one greedy action per state 𝒯′(Q; d) = γ P_π d, so d = (I − γ P_π)⁻¹ g, and E(Q + εd) =
-    (1 − ε)² E(Q).
-
-    Proof: 𝒯(Q + εd) − Q − εd = g + ε(γ P_π d − d) = (1 − ε) g as long as no greedy action changes.
-    """
-    mdp, Q, mu = random_mdp(seed, gamma)
-    best = np.sort(Q, axis=1)
-    assume((best[:, -1] - best[:, -2]).min() > 1e-3)
-    g, greedy = mdp.residual(Q), np.eye(2)[Q.argmax(1)]
-    P_pi = (mdp.P[..., None] * greedy[None, None]).reshape(6, 6)
-    d = np.linalg.solve(np.eye(6) - gamma * P_pi, g.ravel()).reshape(3, 2)
+    """Away from ties, by the factor (1 − ε)²."""
+    mdp, Q, mu = random_start(seed, gamma)
+    assume(away_from_ties(Q))
+    d = newton(mdp, Q)
     step = 1e-4 / (1 + np.abs(d).max())  # no greedy action changes
     change = mdp.bellman_error(Q + step * d, mu) / mdp.bellman_error(Q, mu)
     assert change == pytest.approx((1 - step) ** 2, rel=1e-9)
     shows("E(Q + εd) = (1 − ε)² E(Q) for small ε, d = (I − γP_π)⁻¹ g, on random MDPs")
 
 
+def test_newtons_direction_takes_the_example_to_0_at_once():
+    """In the example of T2-d a whole step leaves nothing."""
+    mdp, Q = rising()
+    left = mdp.bellman_error(Q.astype(float) + newton(mdp, Q), UNEVEN.astype(float))
+    assert left == pytest.approx(0, abs=1e-12)
+
+
 @control("T2-o")
 def test_control_the_residual_is_not_that_direction():
-    """Negative control: in the example of T2-d the residual's best step is 0, and Newton's takes E
-    to 0 at once.
-    """
+    """Without the term γ P_π d, d is the residual, whose best step in the example of T2-d is 0."""
     mdp, Q = rising()
-    mu, g = row(F(1, 3), F(2, 3)), mdp.residual(Q)
-    P_pi = np.array([[0, 1], [0, 1]])  # the second action is greedy
-    d = np.linalg.solve(np.eye(2) - 0.9 * P_pi, g.ravel().astype(float))
-    assert mdp.bellman_error(Q.astype(float) + d, mu.astype(float)) == pytest.approx(0, abs=1e-12)
-    assert error_along(mdp, Q, mu, F(1, 100)) > mdp.bellman_error(Q, mu)
+    small = F(1, 100)
+    assert mdp.bellman_error(Q + small * mdp.residual(Q), UNEVEN) > mdp.bellman_error(Q, UNEVEN)
+
+
+def part_left(P, mu, Q, alpha, gamma, rewards=0):
+    """E after a step along the residual, as a part of E before: evaluating one fixed policy."""
+    mdp = MDP(P[:, None], np.zeros((len(P), 1)) + rewards, gamma)
+    before = mdp.bellman_error(Q, mu[:, None])
+    return mdp.bellman_error(Q + alpha * mdp.residual(Q), mu[:, None]) / before
+
+
+# ‖P_π x‖_μ ≤ ‖x‖_μ (Jensen, and μP = μ), so
+# ‖g + α(γP − I)g‖² ≤ (1 − 2α(1 − γ) + α²(1 + γ)²) ‖g‖², least at α = (1 − γ)/(1 + γ)².
+# At α = 1 the residual becomes γ P g.
 
 
 @claim(
@@ -486,25 +605,16 @@ def test_control_the_residual_is_not_that_direction():
 )
 @given(SEEDS, st.floats(0, 0.95))
 def test_policy_evaluation_descends_along_the_residual(seed, gamma):
-    """There ‖P_π x‖_μ ≤ ‖x‖_μ (Jensen, and μP = μ), so ‖g + α(γP − I)g‖² ≤ (1 − 2α(1 − γ) + α²(1 +
-    γ)²) ‖g‖².
-
-    One action per state makes the MDP a policy. Least at α = (1 − γ)/(1 + γ)²: 1 − ((1 − γ)/(1 +
-    γ))²; at α = 1 the residual is γ P g, so E falls to γ² E at least.
-    """
+    """On random chains, at the best guaranteed step and at α = 1."""
     rng = np.random.default_rng(seed)
     P = rng.dirichlet(np.ones(4), size=4)
-    mu = np.linalg.matrix_power(P, 200)[0]
-    mdp, Q = MDP(P[:, None], rng.normal(size=(4, 1)), gamma), rng.normal(size=(4, 1))
-    before = mdp.bellman_error(Q, mu[:, None])
+    mu, rewards = np.linalg.matrix_power(P, 200)[0], rng.normal(size=(4, 1))
+    Q = rng.normal(size=(4, 1))
     for alpha, factor in (
         ((1 - gamma) / (1 + gamma) ** 2, 1 - ((1 - gamma) / (1 + gamma)) ** 2),
         (1, gamma**2),
     ):
-        assert (
-            mdp.bellman_error(Q + alpha * mdp.residual(Q), mu[:, None])
-            <= factor * before * (1 + 1e-9) + 1e-12
-        )
+        assert part_left(P, mu, Q, alpha, gamma, rewards) <= factor * (1 + 1e-9) + 1e-12
     shows(
         "E falls to at most 1 − ((1 − γ)/(1 + γ))² of itself at α = (1 − γ)/(1 + γ)², to γ² at"
         " α = 1"
@@ -512,12 +622,10 @@ def test_policy_evaluation_descends_along_the_residual(seed, gamma):
 
 
 @control("T2-p")
-def test_control_with_another_mu_it_can_rise():
-    """Negative control: s₀ → s₁ → s₁ and μ = (0.9, 0.1) is not stationary: at α = 1 E becomes 10 γ²
-    of itself.
+@pytest.mark.parametrize(("mu", "rises"), [((0.9, 0.1), True), ((0.0, 1.0), False)])
+def test_control_with_another_mu_it_can_rise(mu, rises):
+    """s₀ → s₁ → s₁, residuals 0 and −0.1: under a μ that is not stationary E becomes 8.1 times
+    itself at α = 1.
     """
-    mdp = MDP(np.array([[[0.0, 1.0]], [[0.0, 1.0]]]), np.zeros((2, 1)), 0.9)
-    Q = np.array([[0.9], [1.0]])  # residuals 0 and −0.1
-    mu = np.array([[0.9], [0.1]])
-    before, after = mdp.bellman_error(Q, mu), mdp.bellman_error(Q + mdp.residual(Q), mu)
-    assert before == pytest.approx(0.1 * 0.01) and after == pytest.approx(8.1 * before)
+    P, Q = np.array([[0.0, 1.0], [0.0, 1.0]]), np.array([[0.9], [1.0]])
+    assert (part_left(P, np.array(mu), Q, 1, 0.9) > 8) == rises

@@ -138,7 +138,7 @@ def test_dqn_does_nothing_about_a_drift():
     agent = quick_agent(agent="dqn")
     feed(agent, 20)
     before = state_bytes(agent)
-    for event in ("drift", "reset", "end"):
+    for event in ("drift", "reset"):
         agent.on_drift(event)
     assert state_bytes(agent) == before
 
@@ -455,9 +455,12 @@ def test_under_the_frozen_target_nothing_learnt_in_a_stage_counts_in_it():
     before, learner = agent.q(states()), agent.theta.copy()
     feed(agent, 20, seed=7, learn=3)
     assert np.array_equal(agent.q(states()), before) and not np.array_equal(agent.theta, learner)
-    agent.on_drift("end")
-    assert len(agent.ensemble) == 2 and np.abs(agent.q(states()) - before).max() > 1e-3
-    np.testing.assert_allclose(agent.q(states()), q_frozen(agent, states()), rtol=1e-4, atol=1e-5)
+    training = state_bytes(agent)
+    finished = agent.finish()
+    assert state_bytes(agent) == training, "training goes on as if nothing had been asked"
+    assert len(finished.ensemble) == 2 and np.abs(finished.q(states()) - before).max() > 1e-3
+    expected = q_frozen(finished, states())
+    np.testing.assert_allclose(finished.q(states()), expected, rtol=1e-4, atol=1e-5)
 
 
 def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
@@ -466,16 +469,16 @@ def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
     feed(agent, 20, seed=7, learn=3)
     after = agent.q(states())
     assert np.abs(after - before).max() > 1e-3
-    agent.on_drift("end")
-    assert len(agent.ensemble) == 1 and np.array_equal(agent.q(states()), after)
+    finished = agent.finish()
+    assert len(finished.ensemble) == 1 and np.array_equal(finished.q(states()), after)
 
 
 def test_a_run_without_a_drift_ends_with_its_first_learner_under_either_target():
     for target in ("live", "frozen"):
         agent = boosted(boosters=0, target=target)
         before = agent.q(states())
-        agent.on_drift("end")
-        assert np.array_equal(agent.q(states()), before) and not len(agent.ensemble)
+        finished = agent.finish()
+        assert np.array_equal(finished.q(states()), before) and not len(finished.ensemble)
 
 
 def test_a_run_ends_with_the_last_booster_folded_in():
@@ -488,8 +491,11 @@ def test_a_run_ends_with_the_last_booster_folded_in():
         schedule=[{"episode": 2, "length": 2.0}],
     )
     agent = make_agent(config)
-    assert [len(agent.ensemble) for _ in run(config, agent)] == [0, 0, 1, 1]
-    assert len(agent.ensemble) == 2
+    *_, last = run(config, agent)
+    assert len(agent.ensemble) == 1 and len(agent.finish().ensemble) == 2
+    env = drift.make("cartpole", config.schedule)
+    judged = [evaluate(agent.finish(), env, 5, config.seed, start).mean() for start in (0, 2)]
+    assert last["evaluation"] == judged
 
 
 @pytest.mark.parametrize(

@@ -22,13 +22,14 @@ from helpers import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, plots, runs
+from gbdqn_ref import checkpoint, runs
 from gbdqn_ref.__main__ import main
-from gbdqn_ref.config import CHOICES
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.config import SETTINGS
 from gbdqn_ref.dqn import DQN
 from gbdqn_ref.optim import Adam
 from gbdqn_ref.replay import ProportionalReplay, RecencyReplay
-from gbdqn_ref.train import AGENTS, Config, make_agent, run
+from gbdqn_ref.train import Config, make_agent, run
 
 DRIFTING = SMALL | dict(schedule=drifts_at(4, 7, 10))
 every_agent = pytest.mark.parametrize("agent", AGENTS)
@@ -45,15 +46,42 @@ def trained(config):
 
 
 def test_every_agent_can_be_chosen_and_drawn():
-    assert tuple(AGENTS) == CHOICES["agent"] and set(AGENTS) < set(plots.NAMES)
-    assert set(plots.COLOURS) == set(plots.MARKS) == set(AGENTS)
-    looks = [(plots.COLOURS[agent], plots.LINES.get(agent, "-")) for agent in AGENTS]
-    assert (
-        len(set(looks))
-        == len(set(plots.MARKS.values()))
-        == len({plots.NAMES[agent] for agent in AGENTS})
-        == 9
+    looks = {(agent.colour, agent.line) for agent in AGENTS.values()}
+    marks, labels = (
+        {getattr(agent, what) for agent in AGENTS.values()} for what in ("mark", "label")
     )
+    assert len(looks) == len(marks) == len(labels) == len(AGENTS) == 11
+
+
+@every_agent
+def test_the_settings_that_an_agent_reads_or_has_of_its_own_exist(agent):
+    assert set(AGENTS[agent].reads) | set(AGENTS[agent].own) <= set(SETTINGS)
+
+
+@every_agent
+@pytest.mark.parametrize("event", ["end", "typo", None])
+def test_an_event_that_is_none_is_refused(agent, event):
+    if agent != "random":
+        with pytest.raises(ValueError, match="an event is 'drift' or 'reset', not"):
+            agent_of(agent).on_drift(event)
+
+
+@every_agent
+def test_an_agent_hears_the_end_of_each_episode(agent):
+    """Also of one that a time limit cut off, as all of these are."""
+    config = Config(agent=agent, env="mountaincar", episodes=3, hidden=(4,), learning_starts=300)
+    learner, heard = make_agent(config), []
+    learner.end_episode = lambda *told: heard.append(told)
+    records = list(run(config, learner))
+    assert [total for total, _ in heard] == [-200.0] * 3
+    assert repr(heard) == repr([(record["return"], record["td_error"]) for record in records])
+
+
+def test_an_evaluation_changes_nothing_of_a_random_policy():
+    agent, watched = (make_agent(Config(agent="random")) for _ in range(2))
+    for _ in range(5):
+        watched.act(np.zeros(4, np.float32), greedy=True)
+    assert [agent.act(None) for _ in range(20)] == [watched.act(None) for _ in range(20)]
 
 
 @every_agent
@@ -146,7 +174,7 @@ def test_all_of_them_can_be_compared(tmp_path, capsys):
     )
     columns = header.replace("drop", "").replace("recovery", "").split("  ")
     assert [column.strip() for column in columns if column.strip()][1:] == [
-        plots.NAMES[agent] for agent in AGENTS
+        agent.label for agent in AGENTS.values()
     ]
     assert all((tmp_path / agent / "summary.json").exists() for agent in AGENTS)
 
@@ -275,14 +303,6 @@ def test_a_reset_starts_anew_and_keeps_the_replay(event):
     assert agent.adam.t == 0 and not agent.adam.m.any() and not agent.adam.v.any()
     feed(agent, 5)
     assert agent.adam.t == 5
-
-
-def test_a_reset_does_nothing_at_the_end():
-    agent = agent_of("reset")
-    feed(agent, 30)
-    before = state_bytes(agent)
-    agent.on_drift("end")
-    assert state_bytes(agent) == before
 
 
 def test_in_a_run_a_reset_begins_with_each_regime():

@@ -1,7 +1,6 @@
-"""The closed-form step against exact fractions, and the ensemble against the sum that it stands
-for.
-"""
+"""The closed-form step against exact fractions, and the ensemble against its sum."""
 
+import re
 from fractions import Fraction
 
 import numpy as np
@@ -11,6 +10,8 @@ from hypothesis import strategies as st
 from strategies import nets, rngs, sizes, vectors, weighted_samples
 
 from gbdqn_ref.boosting import Ensemble, closed_form_alpha
+from gbdqn_ref.config import Config
+from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.nn import MLP
 
 EXACT = 1e-13  # relative to Σ |w r h|, what cancels in A; the fractions themselves do not round
@@ -25,9 +26,7 @@ def inner(weights, x, y):
 
 @given(weighted_samples(), st.booleans(), st.sampled_from([1e-6, -0.5, 3.0, 1e6]))
 def test_alpha_is_the_bottom_of_its_parabola(sample, weighted, d):
-    """f(α + d) − f(α) = d² B for both signs of d, with f(α) = Σ w (r − α h)², in exact
-    fractions.
-    """
+    """f(α + d) − f(α) = d² B for both signs of d, f(α) = Σ w (r − α h)², in exact fractions."""
     residual, h, weights = sample
     assume(h.any())
     alpha = closed_form_alpha(residual, h, weights if weighted else None)
@@ -64,8 +63,9 @@ def test_weights_are_roots_in_front_of_both_vectors(sample):
 
 @given(weighted_samples(), st.sampled_from([-565, -332, -1, 332, 565]))
 def test_a_booster_counts_the_same_whatever_its_scale(sample, exponent):
-    """From 1e-170 to 1e170, in powers of two, which do not round. Catches an h² that underflows or
-    overflows.
+    """From 1e-170 to 1e170, in powers of two, which do not round.
+
+    Catches an h² that underflows or overflows.
     """
     residual, h, weights = sample
     scaled = -(2.0**exponent) * h
@@ -162,3 +162,28 @@ def test_what_is_frozen_stays_frozen():
 
 def test_a_booster_that_is_no_number_gets_no_step():
     assert np.isnan(closed_form_alpha(np.ones(2), np.array([np.nan, 1.0])))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_alpha_too_large_for_a_float_is_the_largest_float(sign):
+    """The parabola falls all the way to its bottom, so a shorter step still gains."""
+    alpha = closed_form_alpha(np.ones(2), np.full(2, sign * 5e-324))
+    assert alpha == sign * np.finfo(float).max
+
+
+@pytest.mark.parametrize("alpha", [1e39, -1e39, np.inf, np.nan])
+def test_an_alpha_that_float32_cannot_hold_is_refused(alpha):
+    """As float32 it is infinite, while the cached predictions would take the number itself."""
+    ensemble = Ensemble(MLP((2, 3)))
+    with pytest.raises(FloatingPointError, match=re.escape(f"booster: {alpha}")):
+        ensemble.add(ensemble.net.init(np.random.default_rng(0)), alpha)
+    assert len(ensemble) == len(ensemble.theta) == 0
+
+
+def test_without_data_the_closed_form_leaves_alpha_at_1():
+    """Two drifts before the first step: nothing says that h should count differently."""
+    config = Config(env="cartpole", alpha="closed-form", hidden=(4,), capacity=10)
+    agent = GBDQN(2, 3, config, np.random.default_rng(0))
+    for _ in range(2):
+        agent.on_drift("drift")
+    assert agent.ensemble.alpha.tolist() == [1.0, 1.0]

@@ -1,6 +1,4 @@
-"""The three buffers against a Python list that does everything the slow way, and their draws
-against χ².
-"""
+"""The three buffers against a Python list that does everything slowly; their draws against χ²."""
 
 import tracemalloc
 from math import exp
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from strategies import positives, reals, rngs, sizes, vectors
 
 from gbdqn_ref.config import Config
@@ -116,11 +114,15 @@ class UniformAgainstAList(RuleBasedStateMachine):
             ]
             self.added += 1
 
+    @rule(n=st.integers(0, 20))
+    def keep(self, n):
+        self.replay.keep(n)
+        self.stored = self.stored[max(0, len(self.stored) - n) :]
+
+    @precondition(lambda self: self.stored)
     @rule(rng=rngs(), errors=sizes(8).flatmap(vectors))
     def learn(self, rng, errors):
-        """As an agent does: the TD errors of a batch are found, and a slot that is in it twice
-        keeps the last one.
-        """
+        """As an agent does, with the TD errors of a batch; a slot drawn twice keeps the last."""
         batch, P = self.replay.sample(len(errors), rng), self.probability()
         place = {slot: i for i, (slot, _, _) in enumerate(self.stored)}
         weight = np.array([(len(P) * P[slot]) ** -self.is_exponent for slot in batch.index])
@@ -152,10 +154,11 @@ class UniformAgainstAList(RuleBasedStateMachine):
                 r,
                 terminated,
             )
-        P = self.probability()
-        np.testing.assert_allclose(
-            self.replay.probabilities(), [P[slot] for slot in sorted(P)], rtol=1e-12
-        )
+        P, slots = self.probability(), self.replay.slots()
+        assert sorted(slots) == sorted(P)
+        if self.stored:
+            expected = [P[slot] for slot in slots]
+            np.testing.assert_allclose(self.replay.probabilities(), expected, rtol=1e-12)
 
 
 class ProportionalAgainstAList(UniformAgainstAList):
@@ -184,8 +187,9 @@ TestUniform, TestProportional, TestRecency = map(
 
 
 def assert_drawn_from_probabilities(replay, rng, n=100_000):
-    """χ² below its 99.9 % quantile; slots expected less than 5 times are counted with the rarest of
-    the others.
+    """χ² is below its 99.9 % quantile.
+
+    Slots expected less than 5 times are counted with the rarest of the others.
     """
     slots = replay.sample(n, rng).index
     expected, observed = n * replay.probabilities(), np.bincount(slots, minlength=len(replay))
@@ -212,9 +216,7 @@ kinds = pytest.mark.parametrize(("kind", "options"), REPLAYS.values(), ids=REPLA
 @kinds
 @pytest.mark.parametrize("added", [33, 40, 97], ids=["filling", "full", "wrapped"])
 def test_draws_follow_the_probabilities(kind, options, added):
-    """Catches ages counted from slot 0, floor(+1), the two stages swapped, and a tree searched from
-    the wrong end.
-    """
+    """Catches ages counted from slot 0, floor(+1), swapped stages, a tree searched backwards."""
     rng = np.random.default_rng(added)
     assert_drawn_from_probabilities(fill(kind(40, D, **options), added, rng), rng)
 
@@ -375,9 +377,7 @@ def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
 
 @kinds
 def test_adding_a_transition_allocates_nothing(kind, options):
-    """Beyond the few hundred bytes of views and scalars: half of one state, of 16 kB, would be too
-    much.
-    """
+    """Views and scalars take a few hundred bytes; half of one state, of 16 kB, is too much."""
     replay, s = kind(5_000, 4_096, **options), np.ones(4_096, np.float32)
     replay.add(s, 0, 1.0, s, False)
     tracemalloc.start()
@@ -426,6 +426,48 @@ def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
         .index
     )
     assert set(newest) == {96 % 40}
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+
+@kinds
+@pytest.mark.parametrize(
+    "ask",
+    [lambda replay: replay.sample(3, np.random.default_rng(0)), lambda r: r.probabilities()],
+    ids=["sample", "probabilities"],
+)
+def test_an_empty_buffer_says_so(kind, options, ask):
+    with pytest.raises(ValueError, match=r"^the buffer is empty"):
+        ask(kind(5, D, **options))
+
+
+@kinds
+def test_an_action_before_the_first_is_not_stored(kind, options):
+    """Catches −1, which as an index is the last action."""
+    replay = kind(5, D, **options)
+    with pytest.raises(ValueError, match="not -1"):
+        replay.add(np.zeros(D), -1, 0.0, np.zeros(D), False)
+    assert len(replay) == 0
+
+
+@pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
+@pytest.mark.parametrize("error", [np.nan, np.inf, -np.inf])
+def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error):
+    replay = fill(kind(5, D), 5)
+    before = replay.probabilities().tolist()
+    with pytest.raises(FloatingPointError, match=f"a priority is {abs(error)}: .* diverged"):
+        replay.update_priorities(np.array([1, 2]), np.array([0.5, error]))
+    assert replay.probabilities().tolist() == before and replay.max_priority == 1.0
+
+
+@pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
+@pytest.mark.parametrize("priority", [np.nan, np.inf])
+def test_priorities_whose_sum_is_no_number_are_not_said_to_be_0(kind, priority):
+    replay = fill(kind(5, D), 5)
+    replay.tree.set(np.array([3]), priority)
+    with pytest.raises(FloatingPointError, match=f"the priorities add up to {priority}"):
+        replay.sample(3, np.random.default_rng(0))
 
 
 # --- where all TD priorities are 0 ----------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import SMALL, Crash, drifts_at, exact_state
 
-from gbdqn_ref import UsageError, checkpoint
+from gbdqn_ref import UsageError, checkpoint, files
 from gbdqn_ref.train import Config, make_agent, run
 
 DRIFTING = SMALL | dict(episodes=10, schedule=drifts_at(3, 5, 8))
@@ -310,7 +310,7 @@ def test_a_damaged_file_is_closed_again(saved):
 
 def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
     path = tmp_path / "file"
-    checkpoint.write_atomically(path, lambda file: file.write(b"old"))
+    files.write_atomically(path, lambda file: file.write(b"old"))
 
     def half(file):
         file.write(b"new, but only h")
@@ -319,9 +319,9 @@ def test_a_failure_while_writing_leaves_the_old_file(tmp_path):
         raise Crash
 
     with pytest.raises(Crash):
-        checkpoint.write_atomically(path, half)
+        files.write_atomically(path, half)
     assert path.read_bytes() == b"old"
-    checkpoint.write_atomically(path, lambda file: file.write(b"new"))
+    files.write_atomically(path, lambda file: file.write(b"new"))
     assert path.read_bytes() == b"new" and [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
@@ -331,7 +331,7 @@ def test_a_failure_while_writing_a_new_file_leaves_none(tmp_path):
         raise Crash
 
     with pytest.raises(Crash):
-        checkpoint.write_atomically(tmp_path / "file", half)
+        files.write_atomically(tmp_path / "file", half)
     assert not (tmp_path / "file").exists()
 
 
@@ -344,7 +344,7 @@ def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monk
     def stop(*_):
         raise Crash
 
-    monkeypatch.setattr(checkpoint.os, call, stop)
+    monkeypatch.setattr(files.os, call, stop)
     with pytest.raises(Crash):
         checkpoint.save(path, agent, 10)
     monkeypatch.undo()
@@ -355,9 +355,7 @@ def test_a_checkpoint_reaches_the_disk_before_it_takes_the_old_ones_place(saved,
     order = []
     for name in ("fsync", "replace"):
         original = getattr(os, name)
-        monkeypatch.setattr(
-            checkpoint.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a))
-        )
+        monkeypatch.setattr(files.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a)))
     checkpoint.save(*saved, 6)
     assert order == ["fsync", "replace"]
     assert zipfile.ZipFile(saved[0]).testzip() is None

@@ -5,9 +5,9 @@ words.
 import ast
 import inspect
 import json
-import re
-from dataclasses import FrozenInstanceError, fields
-from math import inf, nan
+from dataclasses import FrozenInstanceError, fields, replace
+from math import nan
+from types import NoneType
 
 import numpy as np
 import pytest
@@ -15,19 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gbdqn_ref import UsageError, config
-from gbdqn_ref.config import Config
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.config import SETTINGS, Config
 from gbdqn_ref.dqn import make_replay
-from gbdqn_ref.drift import ENVIRONMENTS
-from gbdqn_ref.presets import PRESETS
-from gbdqn_ref.train import AGENTS
+from gbdqn_ref.presets import PRESETS, source
+from gbdqn_ref.schedule import FACTORS, stock
 
-FLOATS = [field.name for field in fields(Config) if field.type is float]
+FLOATS = [name for name, (kinds, _) in SETTINGS.items() if kinds == (float,)]
 ALL_PRESETS = [(name, env) for name in PRESETS for env in PRESETS[name]]
 configs = st.builds(
     Config,
-    env=st.sampled_from(sorted(ENVIRONMENTS)),
+    env=st.sampled_from(sorted(FACTORS)),
     agent=st.sampled_from(sorted(AGENTS)),
-    seed=st.integers(0, 2**40),
+    seed=st.integers(0, 2**32 - 1),
     episodes=st.integers(1, 1000),
     schedule=st.just([{"episode": 3, "gravity": 1.5}, {"episode": 9, "reset": True}]),
     gamma=st.floats(0, 1, exclude_max=True),
@@ -37,7 +37,7 @@ configs = st.builds(
     replay=st.sampled_from([None, "uniform", "proportional", "recency"]),
     normalise=st.sampled_from(["batch", None]),
     target=st.sampled_from(["live", "frozen"]),
-    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e9), st.integers(1, 9)),
+    alpha=st.one_of(st.just("closed-form"), st.floats(1e-9, 1e6), st.integers(1, 9)),
     zero_output=st.booleans(),
 )
 
@@ -63,13 +63,38 @@ def test_every_preset_is_a_config_with_a_drift(name, env, agent):
 
 
 def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
-    presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in ENVIRONMENTS}
+    presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in FACTORS}
     assert presets == {
-        "cartpole": ["paper", "fast"],
-        "mountaincar": ["paper", "fast", "hard"],
-        "acrobot": ["paper", "fast", "hard"],
-        "hopper": ["paper", "fast", "long"],
+        "cartpole": ["paper", "fast", "recurring", "null", "held-out"],
+        "mountaincar": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "acrobot": ["paper", "fast", "hard", "recurring", "null", "held-out"],
+        "hopper": ["paper", "fast", "long", "recurring", "null"],
     }
+
+
+@pytest.mark.parametrize("env", FACTORS)
+def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
+    recurring, null = Config.preset(env, "recurring"), Config.preset(env, "null")
+    starts = [[regime.start for regime in each.regimes] for each in (recurring, null)]
+    assert starts[0] == starts[1] and len(starts[0]) >= 5
+    drifted = [regime.factors for regime in recurring.regimes if regime.event == "drift"]
+    assert all(factors == drifted[0] != stock(env) for factors in drifted)
+    events = [regime.event for regime in recurring.regimes[1:]]
+    assert events == [("drift", "reset")[k % 2] for k in range(len(events))]
+    assert [regime.event for regime in null.regimes[1:]] == ["drift"] * (len(starts[1]) - 1)
+    assert not any(regime.drifted for regime in null.regimes)
+    assert recurring == replace(null, schedule=recurring.schedule)
+
+
+@pytest.mark.parametrize("env", sorted(PRESETS["held-out"]))
+def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
+    recurring, held = Config.preset(env, "recurring"), Config.preset(env, "held-out")
+    known = {entry["episode"] for entry in recurring.schedule}
+    assert known.isdisjoint(r.start for r in held.regimes if r.end - r.start != 10 and r.start)
+    (drifted,) = {tuple(r.factors.items()) for r in recurring.regimes if r.event == "drift"}
+    assert dict(drifted) not in [regime.factors for regime in held.regimes]
+    lengths = [regime.end - regime.start for regime in held.regimes]
+    assert lengths.count(10) == 4 and len(set(lengths)) > 4
 
 
 def test_a_preset_can_be_named_with_its_environment():
@@ -101,7 +126,7 @@ def test_the_acrobot_preset_has_the_papers_values():
         gamma=0.99,
         alpha=0.1,
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
 
 
 def test_the_hopper_preset_has_the_papers_values():
@@ -124,7 +149,7 @@ def test_the_hopper_preset_has_the_papers_values():
         gradient_steps=1,
         behaviour="epsilon-greedy",
     )
-    assert {key: getattr(preset, key) for key in paper} == paper
+    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
     names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
     assert names == [
         (100, {"gravity"}),
@@ -158,7 +183,7 @@ def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_t
 def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, priority):
     # transitions and mean p^TD at the end of the runs, as measured
     preset = Config.preset("hopper", name, capacity=n)
-    replay = make_replay(preset, 1)
+    replay = make_replay(preset.resolved(), 1)
     replay.added = n
     replay.tree.set(np.arange(n), np.full(n, priority))
     assert 1 / 3 < 1 - replay.td_share() < 2 / 3
@@ -182,10 +207,9 @@ def test_given_values_take_precedence_over_a_preset():
 
 @pytest.mark.parametrize("agent", AGENTS)
 def test_each_agent_has_its_replay_by_default_and_any_other_on_request(agent):
-    assert Config(agent=agent).replay == (
-        "recency" if agent in ("gbdqn", "dqn-recency") else "proportional"
-    )
-    assert Config(agent=agent, replay="uniform").replay == "uniform"
+    own = "recency" if agent in ("gbdqn", "dqn-recency") else "proportional"
+    assert Config(agent=agent).resolved().replay == own
+    assert Config(agent=agent, replay="uniform").resolved().replay == "uniform"
 
 
 @pytest.mark.parametrize("name", [*FLOATS, "alpha"])
@@ -233,56 +257,22 @@ def test_every_field_is_followed_by_a_sentence_about_it():
         ].target.id
 
 
+WRONG = {  # values of a wrong kind, by the kinds that are right
+    (str,): (None, 3, True, ["dqn"]),
+    (str, NoneType): (1, False, ["recency"]),
+    (int,): (1.5, 2.0, nan, "9", None, True, [1]),
+    (float,): ("0.5", None, True, [1.0], 10**400, nan),
+    (float, NoneType): ("0.5", True, [1.0], nan),
+    (float, str, NoneType): (True, [0.1], 10**400, nan),
+    (bool, NoneType): (1, 0, "yes"),
+    (str, list, NoneType): (5, True, {"episode": 1}),
+    (tuple,): (128, "128", None),
+    (list,): (None, 5, "x", {"episode": 1}),
+}
 BAD = [
-    *(("env", value) for value in ("cart", "", None, 3, "CartPole-v1")),
-    *(("agent", value) for value in ("ppo", "", None, 3, "DQN")),
-    *(("seed", value) for value in (-1, 1.0, "0", None, True, nan)),
-    *(("schedule", value) for value in (None, 5, "x", {"episode": 1}, [5], [{"episode": 1}])),
-    *(
-        ("schedule", [{"episode": 1, key: value}])
-        for key, value in (("wind", 2.0), ("gravity", 0), ("gravity", nan))
-    ),
-    *(("gamma", value) for value in (1, 1.5, -0.1, nan, inf, "0.9", None, False)),
-    *(
-        ("hidden", value)
-        for value in (128, "128", None, [0], [-3], [1.5], ["8"], [True], [8, None], [4097], [[8]])
-    ),
-    *(("behaviour", value) for value in ("greedy", "", None, 1)),
-    *(("replay", value) for value in ("none", "", 1, False, ["recency"])),
-    *(("normalise", value) for value in ("max", "", 1, True)),
-    *(("target", value) for value in ("half", None, True)),
-    *(("alpha", value) for value in (0, -1, nan, inf, "closed", "0.1", None, True, [0.1], 10**400)),
-    *(("loss_on", value) for value in ("alpha", None, 1)),
-    *(("members", value) for value in (0, -1, 101, 2.0, nan, "5", None, True)),
-    *(("bootstrap", value) for value in (0, 0.0, -0.5, 1.01, nan, inf, "1", None, True)),
-    *(("zero_output", value) for value in (1, 0, "yes", None)),
-    *(
-        (name, value)
-        for name in (
-            "episodes",
-            "batch_size",
-            "learning_starts",
-            "update_every",
-            "gradient_steps",
-        )
-        + ("epsilon_decay_steps", "capacity", "window")
-        for value in (0, -1, 1.5, 2.0, nan, inf, "9", None, True, 10**20)
-    ),
-    *(
-        (name, value)
-        for name in ("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix")
-        for value in (-0.01, 1.01, nan, inf, "0.5", None, True)
-    ),
-    *(
-        (name, value)
-        for name in ("lr", "max_grad_norm", "temperature", "priority_offset")
-        for value in (0, 0.0, -1e-9, nan, inf, "1", None, True, [1.0], 10**400)
-    ),
-    *(
-        (name, value)
-        for name in ("recency_rate", "priority_exponent")
-        for value in (-1e-9, nan, inf, -inf, "1", None, True)
-    ),
+    (name, value)
+    for name, (kinds, rule) in SETTINGS.items()
+    for value in (*WRONG[kinds], *rule.breaks)
 ]
 
 
@@ -292,13 +282,107 @@ def test_a_bad_value_is_refused_in_one_line_that_names_the_field(name, value):
         Config(**{name: value})
     message = str(caught.value)
     assert "\n" not in message
-    assert re.search({"schedule": "schedule|could drift"}.get(name, name), message)
+    assert name in message
     if name not in ("schedule", "hidden") and value != 10**400:
         assert repr(value) in message, "the message shows what was given"
 
 
-def test_every_field_has_bad_values_in_this_file():
-    assert {name for name, _ in BAD} == {field.name for field in fields(Config)}
+EDGES = {  # the outermost values that are right
+    "seed": (0, 2**32 - 1),
+    "gamma": (0.0, 0.999),
+    "hidden": ((1, 4096), ()),
+    "replay": (None, "uniform", "proportional", "recency"),
+    "normalise": ("batch", None),
+    "alpha": (1e-9, 1e6, "closed-form", None),
+    "keep_data": (0.0, 1.0, None),
+    "drift_signal": ("schedule", "return", "td_error", [], [0, 3], None),
+    "members": (1, 100),
+    "max_grad_norm": (1e-9, 1e6),
+    "bootstrap": (1e-9, 1.0),
+    **dict.fromkeys(("episodes", "batch_size", "capacity", "window"), (1, 10_000_000)),
+    **dict.fromkeys(("tau", "epsilon_start", "epsilon_end", "is_exponent", "mix"), (0.0, 1.0)),
+    **dict.fromkeys(("lr", "temperature", "priority_offset"), (1e-9, 1e9)),
+    **dict.fromkeys(("recency_rate", "priority_exponent"), (0.0, 1e9)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [(name, value) for name, values in EDGES.items() for value in values]
+)
+def test_what_is_just_allowed_is_taken(name, value):
+    assert getattr(Config(**{name: value}), name) == value
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
+    kinds, rule = SETTINGS[name]
+    assert rule.words and (rule.breaks or kinds == (bool, NoneType))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lr", np.float64(0.5)),
+        ("lr", np.float32(0.5)),
+        ("lr", np.int64(2)),
+        ("seed", np.int64(7)),
+        ("keep_adam", np.bool_(False)),
+        ("hidden", (np.int64(8), np.int32(4))),
+        ("schedule", [{"episode": np.int64(3), "gravity": np.float64(2.0)}]),
+    ],
+)
+def test_numpys_numbers_will_do(name, value):
+    a_config = Config(**{name: value})
+    assert getattr(a_config, name) == value
+    assert Config.from_dict(json.loads(json.dumps(a_config.to_dict()))) == a_config
+
+
+def test_a_setting_that_is_the_agents_own_follows_a_change_of_agent():
+    """Else "dqn" would train on GB-DQN's replay."""
+    gbdqn = Config.preset("acrobot", agent="gbdqn")
+    assert (gbdqn.replay, gbdqn.resolved().replay) == (None, "recency")
+    for dqn in (replace(gbdqn, agent="dqn"), Config.from_dict(gbdqn.to_dict() | {"agent": "dqn"})):
+        assert dqn.resolved().replay == "proportional"
+    chosen = replace(gbdqn, replay="uniform", agent="dqn")
+    assert chosen.resolved().replay == "uniform"
+
+
+def test_a_resolved_config_has_nothing_left_to_resolve():
+    resolved = Config(agent="gbdqn").resolved()
+    assert resolved.resolved() == resolved != Config(agent="gbdqn")
+
+
+def test_equal_configs_have_equal_hashes():
+    one, same, other = Config(hidden=[8]), Config(hidden=(8,)), Config(hidden=[9])
+    assert len({one, same, other}) == 2
+
+
+def test_the_environment_of_a_preset_is_not_replaced_by_another():
+    with pytest.raises(UsageError, match="for mountaincar, so env cannot be 'cartpole'"):
+        Config.preset("mountaincar", env="cartpole")
+
+
+@pytest.mark.parametrize("name", ["fast", "paper"])
+def test_an_environment_with_its_preset_takes_no_other_preset(name):
+    with pytest.raises(UsageError, match=f"names the preset hard, so it cannot be '{name}'"):
+        Config.preset("acrobot-hard", name)
+    assert Config.preset("acrobot-hard", "hard") == Config.preset("acrobot-hard")
+
+
+@pytest.mark.parametrize("values", [None, [], "dqn", 5, [["lr", 0.1]]])
+def test_settings_that_are_no_mapping_are_refused(values):
+    with pytest.raises(UsageError, match="settings must be a mapping"):
+        Config.from_dict(values)
+
+
+def test_the_source_of_a_value_is_the_paper_or_a_deviation():
+    assert source("acrobot", "paper", "lr", 1e-3) == "paper"
+    assert source("acrobot", "paper", "lr", 2e-3) == "ours (D13)"
+    assert source("mountaincar", "paper", "lr", 4e-3) == "ours (D13)"
+    assert source("acrobot", "fast", "episodes", 250) == "ours (D14)"
+    assert source("hopper", "long", "mix", 0.1) == "ours (D17)"
+    assert source("acrobot", "hard", "schedule", []) == "ours (D21)"
+    assert source("acrobot", "hard", "gamma", 0.99) == "paper"
 
 
 @pytest.mark.parametrize(
@@ -322,12 +406,21 @@ def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
             ("cart",),
             "unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper$",
         ),
-        (("acrobot", "slow"), "acrobot has no preset 'slow'; choose one of paper, fast, hard$"),
-        (("acrobot", "long"), "acrobot has no preset 'long'; choose one of paper, fast, hard$"),
-        (("hopper", "slow"), "hopper has no preset 'slow'; choose one of paper, fast, long$"),
+        (
+            ("acrobot", "slow"),
+            "acrobot has no preset 'slow'; choose one of paper, fast, hard, recurring, ",
+        ),
+        (
+            ("acrobot", "long"),
+            "acrobot has no preset 'long'; choose one of paper, fast, hard, recurring, ",
+        ),
+        (
+            ("hopper", "slow"),
+            "hopper has no preset 'slow'; choose one of paper, fast, long, recurring, null$",
+        ),
         (
             ("hopper", ["long"]),
-            r"hopper has no preset \['long'\]; choose one of paper, fast, long$",
+            r"hopper has no preset \['long'\]; choose one of paper, fast, long, recurring, null$",
         ),
     ],
 )
@@ -337,5 +430,5 @@ def test_an_unknown_preset_is_refused_with_the_known_ones(arguments, message):
 
 
 def test_a_choice_is_refused_with_all_that_there_are():
-    with pytest.raises(UsageError, match="unknown target 'half'; choose one of live, frozen"):
+    with pytest.raises(UsageError, match=r"^target must be one of live, frozen, not 'half'$"):
         Config(target="half")

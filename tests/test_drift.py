@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gbdqn_ref import UsageError, drift
-from gbdqn_ref.drift import DriftWrapper, check_schedule, factors_of, make
+from gbdqn_ref.drift import DriftWrapper, make
+from gbdqn_ref.schedule import stock
 
 TWO = [
     {"episode": 2, "gravity": 1.5},
@@ -33,14 +34,12 @@ named = pytest.mark.parametrize("name", drift.ENVIRONMENTS)
 @st.composite
 def schedules(draw, name):
     episodes = draw(st.lists(st.integers(0, 60), unique=True, max_size=6).map(sorted))
-    some = st.dictionaries(
-        st.sampled_from(sorted(factors_of(name))), st.floats(0.01, 100), min_size=1
-    )
+    some = st.dictionaries(st.sampled_from(sorted(stock(name))), st.floats(0.01, 100), min_size=1)
     return [{"episode": k} | draw(st.one_of(some, st.just({"reset": True}))) for k in episodes]
 
 
 def factors(entry, name="cartpole"):
-    return factors_of(name) | {
+    return stock(name) | {
         key: value for key, value in entry.items() if key not in ("episode", "reset")
     }
 
@@ -84,7 +83,7 @@ def test_every_reset_and_step_says_regime_factors_and_event():
     for episode in range(7):
         _, info = env.reset(seed=0)
         expected = {key: info[key] for key in ("regime", "factors", "event")}
-        assert set(info["factors"]) == set(factors_of("cartpole"))
+        assert set(info["factors"]) == set(stock("cartpole"))
         for _ in range(3):
             assert env.step(0)[4] == expected, episode
 
@@ -240,49 +239,3 @@ def test_an_unknown_name_is_refused_with_the_known_ones():
         match="unknown environment 'cart'; choose one of cartpole, mountaincar, acrobot, hopper",
     ):
         make("cart")
-
-
-MALFORMED = {
-    "an entry": ({"episode": 1, "gravity": 2.0}, "must be a list"),
-    "a number": (5, "must be a list.*, not 5"),
-    "a word": ("drift", "must be a list"),
-    "a list of numbers": ([150, 250], "must be a list"),
-    "no episode": ([{"gravity": 2.0}], "'episode'"),
-    "a negative episode": ([{"episode": -1, "gravity": 2.0}], "from 0 on"),
-    "half an episode": ([{"episode": 1.5, "gravity": 2.0}], "an integer"),
-    "an episode that is true": ([{"episode": True, "gravity": 2.0}], "an integer"),
-    "decreasing episodes": (
-        [{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}],
-        "4 follows 5",
-    ),
-    "an episode twice": (
-        [{"episode": 5, "gravity": 2.0}, {"episode": 5, "reset": True}],
-        "5 follows 5",
-    ),
-    "an unknown factor": ([{"episode": 1, "wind": 2.0}], "'wind'.*it has gravity, cart_mass, "),
-    "a factor of another environment": ([{"episode": 1, "mass": 2.0}], "'mass'.*pole_mass"),
-    "neither factors nor a reset": ([{"episode": 1}], "gravity.*reset"),
-    "a reset that is false": ([{"episode": 1, "reset": False}], "gravity.*reset"),
-    "both factors and a reset": ([{"episode": 1, "gravity": 2.0, "reset": True}], "gravity.*reset"),
-    "a reset that is 1": ([{"episode": 1, "reset": 1}], "gravity.*reset"),
-    "a factor 0": ([{"episode": 1, "gravity": 0}], "'gravity' must be a positive"),
-    "no push at all": (
-        [{"episode": 1, "force": 0.0}],
-        "'force' must be a finite number other than 0, not 0",
-    ),
-    "a negative factor": ([{"episode": 1, "pole_mass": -1.0}], "'pole_mass' must be a positive"),
-    "a factor that is no number": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
-    "an infinite factor": ([{"episode": 1, "force": float("inf")}], "'force'.*inf"),
-    "a factor too large for a float": ([{"episode": 1, "gravity": 10**400}], "'gravity'"),
-    "a factor in words": ([{"episode": 1, "gravity": "2"}], "'gravity'.*'2'"),
-    "a factor that is true": ([{"episode": 1, "gravity": True}], "'gravity'.*True"),
-    "a factor that is missing": ([{"episode": 1, "gravity": None}], "'gravity'.*None"),
-}
-
-
-@pytest.mark.parametrize(("schedule", "message"), MALFORMED.values(), ids=MALFORMED)
-@pytest.mark.parametrize("use", [check_schedule, make])
-def test_a_malformed_schedule_is_refused_in_one_line(use, schedule, message):
-    with pytest.raises(UsageError, match=message) as caught:
-        use("cartpole", schedule)
-    assert "\n" not in str(caught.value)

@@ -1,9 +1,10 @@
-"""A drifted Hopper is one compiled from an XML with other constants; nothing else differs, and a
-reset restores all.
-"""
+"""A drifted Hopper is one compiled with other constants; a reset restores everything."""
 
+import copy
+import pickle
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -46,9 +47,7 @@ def differing(env, other):
 
 
 def recompiled(folder, gravity=1.0, mass=1.0, friction=1.0):
-    """Gymnasium's Hopper-v5 from an XML in which the constants themselves are changed: the density
-    for the mass.
-    """
+    """Gymnasium's Hopper-v5 from an XML with changed constants: density stands for mass."""
     tree = ElementTree.parse(HopperEnv().fullpath)
     tree.find("option").set("gravity", f"0 0 {-9.81 * gravity!r}")
     tree.find("default/geom").set(
@@ -69,9 +68,7 @@ def drifted(**by):
 
 
 def trajectory(env, n=1000, seed=0):
-    """Positions and velocities (n, 12) under random actions; it goes on where the hopper has
-    fallen.
-    """
+    """Positions and velocities (n, 12) under random actions; a fallen hopper goes on."""
     env.reset(seed=seed)
     states = np.empty((n, 12))
     for state, action in zip(states, np.random.default_rng(seed).integers(7, size=n), strict=True):
@@ -91,16 +88,14 @@ def stock_trajectory():
 def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(
     tmp_path, by, stock_trajectory
 ):
-    # 1,000 steps to the bit: masses by powers of 2, since 1.7 · (1000 V) and 1700 V differ in their
-    # last bit
+    # 1,000 steps to the bit. Masses by powers of 2: 1.7 · (1000 V) and 1700 V differ in a last bit
     states = trajectory(drifted(**by))
     assert np.array_equal(states, trajectory(recompiled(tmp_path, **by)))
     assert not np.array_equal(states, stock_trajectory)
 
 
 def test_every_number_of_a_drifted_model_is_that_of_a_compiled_one(tmp_path):
-    # catches masses without inertias, and what is derived from them: subtree masses, inverse
-    # weights, M0
+    # catches masses without inertias or what follows from them: subtree masses, inverse weights, M0
     mine, others = numbers(drifted(**ALL)), numbers(recompiled(tmp_path, **ALL))
     assert mine.keys() == others.keys()
     for key in mine:
@@ -157,6 +152,24 @@ def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_env
             env.step(action)
     env.reset(seed=5)
     assert np.array_equal(trajectory(env.unwrapped, 100), trajectory(HopperEnv(), 100))
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_a_drifted_hopper_is_drifted_alike(twin):
+    env = drift.make("hopper", [{"episode": 0, **ALL}])
+    env.reset(seed=0)
+    copied = twin(env)  # MuJoCo's environments are built anew from their arguments: the stock model
+    assert not differing(copied, drifted(**ALL))
+    (s, info), (copied_s, copied_info) = env.reset(seed=1), copied.reset(seed=1)
+    assert info == copied_info and s.tolist() == copied_s.tolist()
+    assert env.step(1)[0].tolist() == copied.step(1)[0].tolist()
+
+
+def test_every_corner_of_the_factors_can_be_stepped():
+    """A hundredth and a hundred times each constant: every state stays finite."""
+    for corner in product((0.01, 100.0), repeat=len(FACTORS)):
+        states = trajectory(drifted(**dict(zip(FACTORS, corner, strict=True))), 50)
+        assert np.isfinite(states).all(), corner
 
 
 def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():

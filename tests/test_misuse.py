@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import SMALL, cli, command, contents, environ, flags, refused
 
-from gbdqn_ref import runs
+from gbdqn_ref import files, runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
@@ -41,12 +41,15 @@ COMMANDS = {
     "an unknown preset": (["train", "--preset", "slow"], "paper, fast"),
     "a seed in words": (["train", "--seed", "x"], "--seed"),
     "half a seed": (["train", "--seed", "1.5"], "--seed"),
-    "a negative seed": (["train", "--seed", "-1"], "seed must be a whole number from 0 on"),
+    "a negative seed": (
+        ["train", "--seed", "-1"],
+        "seed must be a whole number from 0 to 4,294,967,295",
+    ),
     "an unknown agent in a comparison": (["compare", "--agents", "gbdqn,ppo"], "'ppo'"),
-    "no agent in a comparison": (["compare", "--agents", ""], "choose one of gbdqn, dqn"),
+    "no agent in a comparison": (["compare", "--agents", ""], "one of gbdqn, dqn"),
     "an empty agent in a comparison": (
         ["compare", "--agents", "gbdqn,,dqn"],
-        "choose one of gbdqn, dqn",
+        "one of gbdqn, dqn",
     ),
     "an agent twice in a comparison": (["compare", "--agents", "dqn,dqn"], "twice"),
     "a comparison to be resumed": (["compare", "--resume"], "--resume"),
@@ -69,11 +72,11 @@ SETTINGS = {
     "empty episodes": (settings("episodes="), "episodes must be a whole number"),
     "a step size of 0": (settings("lr=0"), "lr must be a positive"),
     "an infinite step size": (settings("lr=Infinity"), "lr must be a positive"),
-    "a step size in words": (settings("lr=abc"), "lr must be a number"),
+    "a step size in words": (settings("lr=abc"), "lr must be a positive finite number"),
     "a step size beyond all floats": (settings("lr=" + "9" * 400), "lr must be"),
     "more digits than Python reads": (settings("episodes=" + "9" * 5000), "episodes must be"),
     "brackets without end": (settings("hidden=" + "[" * 100_000), "hidden"),
-    "a discount of 1": (settings("gamma=1"), "gamma must be in [0, 1)"),
+    "a discount of 1": (settings("gamma=1"), "gamma must be a number in [0, 1)"),
     "a layer of width 0": (settings("hidden=[0]"), "hidden must be a list of widths"),
     "a width in place of a list": (settings("hidden=128"), "hidden must be a list"),
     "no capacity": (settings("capacity=0"), "capacity must be"),
@@ -104,7 +107,10 @@ SETTINGS = {
         "must increase",
     ),
     "an entry without an episode": (schedule({"gravity": 2}), "'episode'"),
-    "a factor of 0": (schedule({"episode": 3, "gravity": 0}), "'gravity' must be a positive"),
+    "a factor of 0": (
+        schedule({"episode": 3, "gravity": 0}),
+        "'gravity' must be a number from 0.01",
+    ),
     "a factor and a reset": (schedule({"episode": 3, "gravity": 2, "reset": True}), "'reset'"),
     "neither a factor nor a reset": (schedule({"episode": 3}), "'reset'"),
 }
@@ -322,7 +328,7 @@ sys.exit(__main__.main())
 """
 
 
-@pytest.mark.skipif(runs.fcntl is None, reason="no flock on this system")
+@pytest.mark.skipif(files.fcntl is None, reason="no flock on this system")
 def test_a_folder_that_another_process_works_in_is_refused(complete, run, capsys):
     with subprocess.Popen(
         command("train", "--resume", "--out", run, start=["-c", BUSY]),

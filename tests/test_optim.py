@@ -12,10 +12,12 @@ from gbdqn_ref.optim import Adam, clip_by_norm, polyak
 def test_three_steps_of_adam_by_hand():
     """A large eps shows where it stands: outside the root, and added after the correction."""
     theta, adam = np.array([1.0]), Adam(1, lr=0.1, betas=(0.5, 0.75), eps=0.5)
-    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) =   4;   v = 0 + 16/4 =  4,  v̂ =  4 / (1/4)   =
-    # 16 g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3;   v = 3 +  4/4 =  4,  v̂ =  4 / (7/16)
-    # = 64/7 g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7;  v = 3 + 36/4 = 12,  v̂ = 12 /
-    # (37/64) = 768/37
+    # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) = 4
+    #          v = 0 + 16/4 =  4,   v̂ =  4 / (1/4) = 16
+    # g =  2:  m = 2/2 + 2/2 =  2,  m̂ =  2 / (3/4) = 8/3
+    #          v = 3 +  4/4 =  4,   v̂ =  4 / (7/16) = 64/7
+    # g = −6:  m = 2/2 − 6/2 = −2,  m̂ = −2 / (7/8) = −16/7
+    #          v = 3 + 36/4 = 12,   v̂ = 12 / (37/64) = 768/37
     first = 1 - 0.1 * 4 / (4 + 0.5)
     second = first - 0.1 * (8 / 3) / ((64 / 7) ** 0.5 + 0.5)
     third = second + 0.1 * (16 / 7) / ((768 / 37) ** 0.5 + 0.5)
@@ -92,6 +94,26 @@ def test_clipping_takes_a_gradient_of_0_and_keeps_the_precision():
     )  # catches max_norm / ‖grad‖, which warns here, and warnings are errors
     clipped = clip_by_norm(zero, 10.0)
     assert not clipped.any() and clipped.dtype == np.float32
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered in vecdot")
+@pytest.mark.parametrize(("dtype", "size"), [(np.float32, 1e19), (np.float64, 1e200)])
+def test_a_norm_that_overflows_is_clipped_too(dtype, size):
+    """3² + 4² = 5², however large the unit; the squares of 1e19 are no longer a float32."""
+    grad = np.array([3, 4], dtype) * dtype(size)
+    np.testing.assert_allclose(clip_by_norm(grad, 10.0), [6, 8], rtol=1e-6)
+    np.testing.assert_allclose(clip_by_norm(grad, 20 * size), grad, rtol=1e-6)
+    assert clip_by_norm(grad, 10.0).dtype == dtype
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered in vecdot")
+def test_a_norm_that_overflows_leaves_the_rest_of_the_stack_alone():
+    huge = np.finfo(np.float32).max
+    usual = np.array([[0.3, -0.4], [30.0, 0.1], [0.0, 0.0]], np.float32)
+    stack = np.concatenate([usual, np.array([[huge, -huge]])]).astype(np.float32)
+    clipped = clip_by_norm(stack, 10.0)
+    assert clipped[:3].tobytes() == clip_by_norm(usual, 10.0).tobytes()
+    np.testing.assert_allclose(clipped[3], [50**0.5, -(50**0.5)], rtol=1e-6)
 
 
 @given(vectors(3), vectors(3))

@@ -1,17 +1,20 @@
-"""A drifted environment is a freshly built one with other constants, and nothing else about it
-differs from stock.
-"""
+"""A drifted environment is a freshly built one with other constants; nothing else differs."""
+
+from fractions import Fraction
+from itertools import product
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.envs.classic_control import AcrobotEnv, CartPoleEnv, MountainCarEnv
+from gymnasium.envs.classic_control.acrobot import wrap as stock_wrap
+from gymnasium.error import ResetNeeded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy import cos, pi, sin
 
-from gbdqn_ref import drift
-from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole
+from gbdqn_ref import UsageError, drift, schedule
+from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole, wrap
 
 CONSTANTS = {
     "cartpole": (
@@ -36,18 +39,16 @@ STATES = {  # (low, high): beyond where an episode ends, and for Acrobot at full
     "mountaincar": ([-1.2, -0.07], [0.6, 0.07]),
     "acrobot": ([-pi, -pi, -4 * pi, -9 * pi], [pi, pi, 4 * pi, 9 * pi]),
 }
-PARAMETERS = [(name, key) for name in CONSTANTS for key in drift.factors_of(name)]
+PARAMETERS = [(name, key) for name in CONSTANTS for key in schedule.stock(name)]
 factor = st.floats(0.1, 10)
 
 
 def factors_for(name):
-    return st.dictionaries(st.sampled_from(sorted(drift.factors_of(name))), factor)
+    return st.dictionaries(st.sampled_from(sorted(schedule.stock(name))), factor)
 
 
 class OracleAcrobot(AcrobotEnv):
-    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance instead of being 9.8
-    in the formula.
-    """
+    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance."""
 
     gravity = 9.8
 
@@ -130,9 +131,7 @@ def transitions(name, n=40, seed=0):
 
 
 def apart(name, x, y):
-    """The largest difference of two states; angles of Acrobot that differ by a full turn are the
-    same.
-    """
+    """The largest difference of two states; a full turn of Acrobot's angles is no difference."""
     gap = np.abs(x - y)
     if name == "acrobot":
         gap[:2] = np.minimum(gap[:2], 2 * pi - gap[:2])
@@ -160,8 +159,7 @@ def test_every_environment_is_checked_here_or_is_hopper_with_a_file_of_its_own()
 @pytest.mark.parametrize("by", [0.5, 1.7])
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
 def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
-    # catches a derived constant that does not follow: total_mass, polemass_length, LINK_COM_POS,
-    # LINK_MOI
+    # catches a derived constant that does not follow: polemass_length, LINK_COM_POS, LINK_MOI …
     same_transitions(
         name,
         drifted(name, **{key: by}),
@@ -172,7 +170,7 @@ def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_all_factors_together_are_a_freshly_built_environment(name):
-    factors = {key: 0.6 + 0.3 * i for i, key in enumerate(drift.factors_of(name))}
+    factors = {key: 0.6 + 0.3 * i for i, key in enumerate(schedule.stock(name))}
     same_transitions(
         name, drifted(name, **factors), FRESH[name](**factors), 1e-12 if name == "acrobot" else 0
     )
@@ -221,14 +219,14 @@ def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_only_the_instance_drifts_never_the_class(name):
-    env = drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
+    env = drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     later = drifted(name)
     assert constants(name, env) != constants(name, later) == constants(name, FRESH[name]())
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_a_setter_governs_just_the_constants_compared_here(name):
-    stock, env = drifted(name), drifted(name, **dict.fromkeys(drift.factors_of(name), 3.0))
+    stock, env = drifted(name), drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
     assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(
         CONSTANTS[name]
@@ -271,6 +269,74 @@ def test_acrobot_is_registered_like_the_stock_one():
     assert drift.make("acrobot").observation_space == gymnasium.make("Acrobot-v1").observation_space
 
 
+@pytest.mark.parametrize(("option", "value"), [("torque_noise_max", 0.5), ("book_or_nips", "nips")])
+def test_acrobot_has_the_options_of_the_stock_acrobot(option, value):
+    ours, stock, plain = Acrobot(), AcrobotEnv(), Acrobot()
+    for env in (ours, stock):
+        env.reset(seed=0)  # the noise is drawn from the environment's own generator
+        setattr(env, option, value)
+    gaps = []
+    for state, action in transitions("acrobot"):
+        x, y = after(ours, state, action)[0], after(stock, state, action)[0]
+        assert apart("acrobot", x, y) <= 1e-12
+        gaps.append(apart("acrobot", x, after(plain, state, action)[0]))
+    assert max(gaps) > 1e-3, "the option has an effect"
+
+
+def test_acrobot_says_that_it_must_be_reset_first():
+    with pytest.raises(ResetNeeded, match="reset"):
+        Acrobot().step(0)
+
+
+@pytest.mark.parametrize("name", drift.ENVIRONMENTS)
+def test_a_step_before_the_first_reset_is_refused(name):
+    with pytest.raises(ResetNeeded, match=r"before calling env.reset\(\)"):
+        drift.make(name).step(0)
+
+
+@pytest.mark.parametrize("name", drift.ENVIRONMENTS)
+def test_there_is_no_action_before_the_first_or_after_the_last(name):
+    """Catches a list, of which −1 is the last element."""
+    env = drift.make(name)
+    env.reset(seed=0)
+    for action in (-1, int(env.action_space.n), "left", None):
+        with pytest.raises((UsageError, AssertionError), match=f"{action!r}"):
+            env.step(action)
+    for action in (np.int64(1), np.array(1), 1):
+        env.step(action)
+
+
+def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
+    env = Acrobot()
+    env.reset(seed=0)
+    with pytest.raises(UsageError, match=r"^action must be a whole number from 0 to 2, not -1$"):
+        env.step(-1)
+
+
+@given(st.floats(-60, 60) | st.integers(-19, 19).map(lambda k: k * pi) | st.just(-0.0))
+@settings(max_examples=2000)
+def test_an_angle_is_wrapped_as_turn_by_turn_to_the_bit(angle):
+    for near in (angle, np.nextafter(angle, -np.inf).item(), np.nextafter(angle, np.inf).item()):
+        assert wrap(near).hex() == stock_wrap(near, -pi, pi).hex()
+
+
+@pytest.mark.parametrize("angle", [1e5, 1e17, 1e300, -1e300])
+def test_no_angle_is_too_large_to_be_wrapped(angle):
+    """Catches turns taken off one by one, of which 1e17 does not notice any."""
+    turns = (Fraction(angle) - Fraction(wrap(angle))) / Fraction(2 * pi)
+    assert abs(wrap(angle)) <= pi and turns.denominator == 1
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_every_corner_of_the_factors_can_be_stepped(name):
+    """A hundredth and a hundred times each constant: nothing overflows, divides by 0 or hangs."""
+    names, rng = list(schedule.stock(name)), np.random.default_rng(0)
+    for corner in product((0.01, 100.0), repeat=len(names)):
+        env = drifted(name, **dict(zip(names, corner, strict=True)))
+        for state, action in transitions(name, 10, seed=int(rng.integers(99))):
+            assert np.isfinite(after(env, state, action)[0]).all()
+
+
 def alike(env, other):
     assert all(
         apart("acrobot", after(env, s, a)[0], after(other, s, a)[0]) < 1e-9
@@ -305,7 +371,7 @@ def lagrangian_acceleration(state, push, g, cart, pole, half_length):
 
 
 @given(
-    st.sampled_from(sorted(drift.factors_of("cartpole"))),
+    st.sampled_from(sorted(schedule.stock("cartpole"))),
     factor,
     st.integers(0, 1),
     st.integers(0, 99),
@@ -315,7 +381,7 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
     env = CartPoleEnv()
     set_cartpole(env, **{key: by})
     state = np.random.default_rng(seed).uniform(*STATES["cartpole"])
-    f = dict.fromkeys(drift.factors_of("cartpole"), 1.0) | {key: by}
+    f = dict.fromkeys(schedule.stock("cartpole"), 1.0) | {key: by}
     expected = lagrangian_acceleration(
         state,
         (20 * action - 10) * f["force"],
@@ -331,6 +397,6 @@ def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, se
 def test_a_pole_ten_times_as_heavy_alone_accelerates_rightly():
     env, state = CartPoleEnv(), (0.0, 0.0, 0.0, 0.0)
     set_cartpole(env, pole_mass=10.0)
-    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6); with stale
-    # total_mass it is −42.9
+    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6) = −12;
+    # with a stale total_mass it is −42.9
     assert after(env, state, 1)[0][3] / env.tau == pytest.approx(-12.0)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers import SMALL, Crash, cli, command, contents, drifts_at, environ, flags, refused
 
-from gbdqn_ref import UsageError, __main__, checkpoint, drift, runs, train
+from gbdqn_ref import UsageError, __main__, checkpoint, drift, files, runs, train
 from gbdqn_ref.config import Config
 
 FILES = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
@@ -132,7 +132,7 @@ def train_until_file(n, out, agent):
         replace(source, target)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(checkpoint.os, "replace", crashing)
+        patch.setattr(files.os, "replace", crashing)
         runs.train(config_of(agent), out, quiet=True)
 
 
@@ -317,9 +317,10 @@ def test_the_last_checkpoint_is_the_agent_at_the_end_of_the_run(tmp_path, undist
 
 
 def test_the_curve_is_a_picture(undisturbed):
-    for files in undisturbed.values():
+    for written in undisturbed.values():
         assert (
-            files["curve.png"].startswith(b"\x89PNG\r\n\x1a\n") and len(files["curve.png"]) > 10_000
+            written["curve.png"].startswith(b"\x89PNG\r\n\x1a\n")
+            and len(written["curve.png"]) > 10_000
         )
 
 
@@ -374,8 +375,8 @@ def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, 
 
 
 def test_the_table_has_a_line_per_regime_and_a_column_per_agent(tmp_path, undisturbed, capsys):
-    for agent, files in undisturbed.items():
-        restore(files, tmp_path / agent)
+    for agent, written in undisturbed.items():
+        restore(written, tmp_path / agent)
     assert __main__.main(["compare", *SETTINGS, "--out", str(tmp_path)]) == 0
     table = capsys.readouterr().out
     rows = [line for line in table.splitlines() if line[:3] in ("0  ", "1  ", "2  ", "3  ")]
@@ -436,7 +437,7 @@ def test_after_each_regime_the_agent_is_evaluated_in_every_regime(tmp_path, undi
 
 @both
 def test_the_evaluation_changes_nothing_of_the_training(monkeypatch, undisturbed, agent):
-    monkeypatch.setattr(train, "evaluate_regimes", lambda agent, config: [])
+    monkeypatch.setattr(train, "evaluate_regimes", lambda *_: [])
     without = list(train.run(config_of(agent)))
     monkeypatch.undo()
     with_it = [record | {"evaluation": []} for record in train.run(config_of(agent))]

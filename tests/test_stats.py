@@ -1,21 +1,31 @@
 """Worked examples, small enough to be done by hand."""
 
+import re
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import reals, rngs
 
+from gbdqn_ref import UsageError
 from gbdqn_ref.stats import (
     bootstrap_interval,
     final_return,
     forgetting,
+    gain,
+    holm,
     iqm,
+    match_alarms,
     mean_std,
     median_recovery,
     paired_difference,
     recovery,
+    regime_medians,
     regime_table,
+    sign_flip_test,
+    standard_error,
     trailing_mean,
 )
 
@@ -104,8 +114,7 @@ def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
 
 
 def test_the_table_of_a_drop_and_a_recovery():
-    # reference: the mean of the 20 before the drift, 100; random 20: so 60 is half of the level,
-    # and 92 is 90 % of it
+    # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
     assert table[1] == dict(
         regime=1,
@@ -117,6 +126,30 @@ def test_the_table_of_a_drop_and_a_recovery():
         recovery=28,
         area=0.75,
     )  # (2 · 60 + 8 · 100) / 10 = 92
+
+
+def test_a_run_of_two_regimes_worked_by_hand():
+    """No two of mean, median, minimum, first and last agree, and neither do 19, 20 and 21 episodes.
+
+    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. After the drift levels
+    1 (4 times), 0 (16), 2 (5): the first mean of 10 at 0.9 has five zeros and five twos.
+    """
+    rows = records([1000] * 5 + [9, 11] * 10, [10] * 4 + [0] * 16 + [20] * 5)
+    for number, each in enumerate(rows):
+        each["episode"] = 100 + number  # a run's later part
+    first, second = regime_table(rows, 0.0)
+    assert first["mean_return"] == 208.0 and first["first_episode"] == 100  # (5000 + 200) / 25
+    assert second == dict(
+        regime=1,
+        first_episode=125,
+        episodes=25,
+        event="drift",
+        mean_return=5.6,  # (4 · 10 + 5 · 20) / 25
+        drop=0.8,  # 1 − 4 / 20
+        recovery=25,
+        area=pytest.approx(0.56),
+    )
+    assert {type(value) for value in second.values()} == {int, float, str}  # JSON's own
 
 
 def test_the_reference_is_the_last_20_episodes_before_the_drift():
@@ -153,6 +186,37 @@ def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_
     assert (row["drop"], row["recovery"]) == (None, None)
 
 
+def test_a_standard_error_by_hand():
+    assert standard_error([1.0, 2.0, 3.0]) == pytest.approx(1 / 3**0.5)  # √((1 + 0 + 1) / 2) / √3
+    assert standard_error([4.0, 4.0]) == 0.0
+    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; with n it would be 1 / √2
+
+
+def test_of_one_episode_no_standard_error_is_known():
+    assert standard_error([7.0]) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("random", "expected"), [(79.9, 20.1), (80.0, None), (81.0, None), (-5.0, 105.0)]
+)
+def test_a_gain_is_more_than_two_standard_errors_above_the_random_policy(random, expected):
+    """(90, 110): mean 100, standard error √200 / √2 = 10."""
+    assert gain([90.0, 110.0], random) == (expected and pytest.approx(expected))
+
+
+def test_a_single_episode_before_a_drift_shows_no_gain():
+    """One good episode of an untrained agent: its drop would be −227 % or anything else."""
+    row = regime_table(records([40], [100] * 30), 20.0)[1]
+    assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
+
+
+def test_what_is_within_two_standard_errors_of_random_cannot_be_lost():
+    """1, 2, 3 is 2 ± 0.58, so it is not above 1 by two standard errors."""
+    row = regime_table(records([1, 2, 3], [1] * 30), 1.0)[1]
+    assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
+    assert regime_table(records([1, 2, 3], [1] * 30), 0.8)[1]["drop"] is not None
+
+
 def test_each_regime_is_compared_with_the_one_just_before_it():
     table = regime_table(records([100] * 20, [50] * 20, [25] * 20), 0.0)
     assert [row["drop"] for row in table] == [None, 0.5, 0.5]
@@ -162,8 +226,7 @@ def test_a_short_regime_is_compared_with_what_there_is_before_it():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the reference of the last reaches back into the regime before the one before: (4 · 10 + 3 · 5)
-    # / 7 = 55/7
+    # the last regime's reference reaches back over two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
@@ -177,9 +240,7 @@ def test_the_table_says_where_each_regime_begins_and_by_which_event():
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """The reference is 100 and the random policy 0: 50 for 20 episodes and 100 for 20 is 0.75 of
-    it.
-    """
+    """Reference 100, random policy 0: 20 episodes of 50 and 20 of 100 have level 0.75."""
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -209,6 +270,7 @@ def test_the_interquartile_mean_moves_and_scales_with_its_values(x, shift, scale
 def test_the_interquartile_mean_is_taken_along_an_axis():
     x = np.arange(10.0).reshape(2, 5)
     assert iqm(x).tolist() == [2, 7] and iqm(x.T, axis=0).tolist() == [2, 7]
+    assert iqm([[9, 0], [1, 8], [5, 4], [6, 4]], axis=0).tolist() == [5.5, 4]
 
 
 @given(runs, rngs())
@@ -221,18 +283,77 @@ def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1 with ¼, ½, ¼: the middle half of resamples ends at ½
-    or at its edges.
-    """
+    """Of (0, 1) a resample's mean is 0, ½ or 1, with probabilities ¼, ½, ¼."""
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda: iqm([]),
+        lambda: iqm(np.empty((2, 0))),
+        lambda: final_return([]),
+        lambda: mean_std([]),
+        lambda: standard_error([]),
+        lambda: median_recovery([]),
+        lambda: regime_medians([]),
+        lambda: bootstrap_interval([], np.random.default_rng(0)),
+        lambda: paired_difference([], [], np.random.default_rng(0)),
+    ],
+)
+def test_nothing_has_no_average(ask):
+    with pytest.raises(UsageError, match=r"^at least one value is needed$"):
+        ask()
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1]), (3, 1)]
+)
+def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
+    shapes = re.escape(f"not {np.shape(x)} and {np.shape(y)}")
+    with pytest.raises(UsageError, match=f"one result per seed from both, {shapes}"):
+        paired_difference(x, y, np.random.default_rng(0))
+
+
+def test_an_interval_ends_at_the_percentiles_of_all_resamples():
+    """2.5 and 97.5 % of the interquartile means of all 5⁵ resamples, each to one percent."""
+    values = [0.0, 1.0, 3.0, 7.0, 20.0]
+    every = np.array([iqm(resample) for resample in product(values, repeat=5)])
+    ends = bootstrap_interval(values, np.random.default_rng(0), resamples=3000)
+    for end, part in zip(ends, (0.025, 0.975), strict=True):
+        below, up_to = (every < end - 1e-9).mean(), (every < end + 1e-9).mean()
+        assert below - 0.01 < part < up_to + 0.01
+
+
+def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
+    """Of (0, 0, 1) the mean is 1 in 1/27 = 3.7 % of the resamples: within 95 %, not within 90 %."""
+    assert bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean) == (0.0, 1.0)
+    low, high = bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean, level=0.9)
+    assert (low, high) == (0.0, pytest.approx(2 / 3))
+
+
+STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "stated", "n"),
+    [
+        (statistic, float(percent), int(n))
+        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
+    ],
+)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
+    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng = np.random.default_rng(0)
+    intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
+    covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
+    assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
+
+
 def test_environments_are_resampled_by_themselves():
-    """Runs that agree within each environment leave no spread, however far the environments are
-    apart.
-    """
+    """Runs that agree within each environment leave no spread, however far these are apart."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
@@ -252,8 +373,17 @@ def test_pairing_takes_out_what_the_seeds_share():
     assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
 
 
+def test_a_paired_difference_by_hand():
+    """Differences 1, 2, −7, 10, whose middle half is 1 and 2; the two IQMs differ by 2.5."""
+    x, y = [1.0, 2.0, 3.0, 10.0], [0.0, 0.0, 10.0, 0.0]
+    middle, low, high = paired_difference(x, y, np.random.default_rng(0), resamples=1)
+    assert middle == 1.5 and low == high  # of one resample
+
+
 def test_mean_and_std_by_hand():
-    assert mean_std([1.0, 2.0, 3.0]) == (2.0, 1.0) and mean_std([4.0]) == (4.0, None)
+    assert mean_std([0.0, 0.0, 3.0]) == (1.0, pytest.approx(3**0.5))  # √((1 + 1 + 4) / 2)
+    assert mean_std([1.0, 3.0]) == (2.0, pytest.approx(2**0.5))
+    assert mean_std([4.0]) == (4.0, None)
 
 
 @pytest.mark.parametrize(
@@ -271,8 +401,80 @@ def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
     assert median_recovery(times) == median
 
 
+def row(drop, recovery, area):
+    return {"drop": drop, "recovery": recovery, "area": area}
+
+
+def test_medians_are_of_the_runs_in_which_there_was_something_to_lose():
+    rows = [row(0.5, 40, 0.9), row(None, None, None), row(0.7, None, 0.1), row(0.1, 10, 0.4)]
+    assert regime_medians(rows) == {"recovery": 40, "area": 0.4, "undefined": 1}
+
+
+def test_a_regime_that_most_runs_never_recover_from_has_an_area_but_no_recovery():
+    rows = [row(0.5, 40, 0.25), row(0.9, None, 0.75)]
+    assert regime_medians(rows) == {"recovery": None, "area": 0.5, "undefined": 0}
+
+
+def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
+    rows = [row(None, None, None)] * 3
+    assert regime_medians(rows) == {"recovery": None, "area": None, "undefined": 3}
+
+
 def test_forgetting_is_what_was_best_less_what_is_left():
-    """Regime 0 was worth 90 and ends at 60; regime 1 ends at its best; what 1 was before it was met
-    does not count.
-    """
+    """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
+
+
+def test_the_evaluation_right_after_a_regime_counts_as_its_best():
+    assert forgetting([[100, 0], [70, 5]]) == [30.0]
+
+
+# --- detectors and hypotheses ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("alarms", "drifts", "expected"),
+    [
+        ([], [], ([], 0, 0)),
+        ([], [5], ([], 1, 0)),
+        ([5], [5], ([1], 0, 0)),
+        ([14], [5], ([10], 0, 0)),
+        ([15], [5], ([], 1, 1)),
+        ([4], [5], ([], 1, 1)),
+        ([6, 7], [5], ([2], 0, 1)),
+        ([6, 21], [5, 20, 40], ([2, 2], 1, 0)),
+    ],
+)
+def test_alarms_are_matched_with_drifts(alarms, drifts, expected):
+    assert match_alarms(alarms, drifts) == expected
+
+
+def test_a_sign_flip_test_enumerates():
+    """Of the 16 flips of (1, 2, 3, 4) one mean is as large as theirs."""
+    p = sign_flip_test([1, 2, 3, 4], np.random.default_rng(0), statistic=np.mean, flips=40_000)
+    assert p == pytest.approx(1 / 16, abs=0.005)
+    p = sign_flip_test([-1, -2, -3, -4], np.random.default_rng(0), statistic=np.mean)
+    assert p == 1.0
+
+
+def test_a_margin_has_to_be_exceeded():
+    x = [11.0, 12.0, 13.0, 9.5, 14.0, 12.5, 11.5, 13.5]
+    ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 12.0, 13.0)]
+    assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]
+
+
+def test_the_smallest_p_is_not_0():
+    p = sign_flip_test(np.arange(1.0, 31.0), np.random.default_rng(0), flips=99)
+    assert p == 0.01
+
+
+def test_a_true_null_is_rejected_as_often_as_stated():
+    rng = np.random.default_rng(0)
+    ps = np.array([sign_flip_test(rng.normal(size=20), rng, flips=400) for _ in range(800)])
+    assert [np.mean(ps <= level) for level in (0.05, 0.2)] == pytest.approx([0.05, 0.2], abs=0.03)
+
+
+def test_holm_steps_down():
+    assert holm([0.04, 0.01, 0.03, 0.005]) == pytest.approx([0.06, 0.03, 0.06, 0.02])
+    assert holm([0.6, 0.5]) == [1.0, 1.0]
+    assert holm([0.02]) == [0.02]

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from helpers import SMALL, command, contents, environ, flags, refused
 
-from gbdqn_ref import UsageError, runs, study
+from gbdqn_ref import UsageError, files, study
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
@@ -122,7 +122,7 @@ def test_workers_die_with_their_study_and_so_leave_its_runs_to_the_next(tmp_path
 
 def is_free(folder):
     try:
-        with runs.locked(folder):
+        with files.locked(folder):
             return True
     except UsageError:
         return False
@@ -149,7 +149,7 @@ def test_what_a_killed_worker_leaves_is_taken_up_once_more(tmp_path, sequential,
 
 def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential, capsys):
     (tmp_path / "out").mkdir()
-    runs.write_json(tmp_path / "out" / "study.json", json.loads(sequential["study.json"]))
+    files.write_json(tmp_path / "out" / "study.json", json.loads(sequential["study.json"]))
     (tmp_path / "out" / "dqn-1").touch()
     assert main(study_arguments(tmp_path / "out")) == 1
     printed = capsys.readouterr()
@@ -195,7 +195,7 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
 def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
     (tmp_path / "out").mkdir()
     with (
-        runs.locked(tmp_path / "out"),
+        files.locked(tmp_path / "out"),
         pytest.raises(UsageError, match="in use by another process"),
     ):
         study.run_study(CONFIGS, tmp_path / "out", Here(), quiet=True)
@@ -205,7 +205,7 @@ def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
     ("arguments", "keyword"),
     [
         (["--agents", "dqn,dqn"], "twice"),
-        (["--agents", "dqn,sarsa"], "unknown agent"),
+        (["--agents", "dqn,sarsa"], "one of gbdqn, dqn"),
         (["--seeds", "3,3"], "twice"),
         (["--seeds", "0"], "--seeds"),
         (["--seeds", "-1"], "--seeds"),
