@@ -2,8 +2,8 @@
 
 Read the modules in this order, which is also the order of their imports: nn, optim, bellman,
 boosting, replay, tabular, detect, dqn, gbdqn, reuse, baselines, agents, schedule, physics, drift,
-presets, config, stats, train, files, checkpoint, plots, runs, study, effect, watch, tables,
-__main__.
+presets, config, stats, train, files, provenance, checkpoint, plots, runs, study, effect, watch,
+tables, __main__.
 """
 
 # Freed at once: from then on glibc keeps freed memory for reuse instead of unmapping it each time.

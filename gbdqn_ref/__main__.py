@@ -10,6 +10,7 @@ from reprlib import repr as short
 from . import UsageError, effect, plots, runs, study, tables, watch
 from .agents import AGENTS
 from .config import Config
+from .files import check_picture
 
 
 def main(arguments=None):
@@ -148,7 +149,7 @@ def _train(args):
         config = _config(args, args.agent)
     out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
     summary = runs.train(config, out, args.resume, args.quiet)
-    tables.regimes({config.agent: summary}, config)
+    tables.show(tables.regimes({config.agent: summary}, config))
     print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
 
 
@@ -181,17 +182,13 @@ def _study(args):
     if failed:
         return 1
     summaries, records = study.report(out)
-    plots.study_curves(
-        records, configs[0], summaries[agents[0]][0]["random_return"], out / "curves.png"
-    )
-    if any(len(row["regimes"]) > 1 for rows in summaries.values() for row in rows) and set(
-        summaries
-    ) - {"random"}:
-        plots.adaptation(summaries, configs[0], out / "adaptation.png")
-    final = {agent: [row["final_return"] for row in rows] for agent, rows in summaries.items()}
-    if len(final) > 1 and "dqn" in final:
-        plots.forest(final, out / "forest.png")
-    tables.study(summaries, configs[0])
+    level = summaries[agents[0]][0]["random_return"]
+    plots.save(plots.study_curves(records, configs[0], level), out / "curves.png")
+    if len(configs[0].regimes) > 1 and set(summaries) - {"random"}:
+        plots.save(plots.adaptation(summaries, configs[0]), out / "adaptation.png")
+    if len(summaries) > 1 and "dqn" in summaries:
+        plots.save(plots.forest(summaries, configs[0]), out / "forest.png")
+    tables.show(tables.study(summaries, configs[0]))
     print(f"\nall of it: {out}/results.json, {out}/*.png and {out}/AGENT-SEED/")
 
 
@@ -200,30 +197,25 @@ def _drift_effect(args):
     rows = effect.drift_effect(
         config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet
     )
-    tables.drift_effect(rows, config)
+    tables.show(tables.drift_effect(rows, config))
 
 
 def _watch(args):
     if args.seed < 0:
         raise UsageError(f"--seed must be a whole number from 0 on, not {args.seed}")
-    before, after = watch.film(args.run, _file(args.out, "episode.gif"), args.drift, args.seed)
-    print(f"before the drift {before:.1f}, after it {after:.1f}; the film: {args.out}")
+    check_picture(args.out, ".gif")
+    before, after = episodes = watch.film(args.run, args.drift, args.seed)
+    watch.save(episodes, args.out)
+    print(
+        f"before the drift {before.returns[-1]:.1f}, after it {after.returns[-1]:.1f}; the film:"
+        f" {args.out}"
+    )
 
 
 def _maps(args):
-    watch.maps(args.run, _file(args.out, "maps.png"), args.booster)
+    check_picture(args.out, ".png")
+    plots.save(watch.maps(args.run, args.booster), args.out)
     print(f"the picture: {args.out}")
-
-
-def _file(text, example):
-    """Where a picture goes: its folder is made, and no folder stands in its place."""
-    path = Path(text)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_dir():
-        raise UsageError(
-            f"{path} is a folder; --out is the file that takes the picture, like {path / example}"
-        )
-    return path
 
 
 def _dask(address):
@@ -250,10 +242,9 @@ def _compare(args):
         known = (out / agent / "config.json").exists()
         summaries[agent] = runs.train(config, out / agent, known, args.quiet)
     records = {agent: runs.read_episodes(out / agent) for agent in configs}
-    plots.learning_curves(
-        records, config, summaries[config.agent]["random_return"], out / "comparison.png"
-    )
-    tables.regimes(summaries, config)
+    level = summaries[config.agent]["random_return"]
+    plots.save(plots.learning_curves(records, config, level), out / "comparison.png")
+    tables.show(tables.regimes(summaries, config))
     print(
         f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train"
         " anew)"

@@ -10,21 +10,26 @@ import io
 import json
 import zipfile
 import zlib
+from collections.abc import Hashable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from . import UsageError
 from .config import Config
-from .files import write_atomically
+from .files import check_shape, write_atomically
+
+Arrays = dict[str, np.ndarray]
 
 FORMAT = 1
+HEADER = {"format": (int,), "episodes": (int,), "config": (dict,)}
 REBUILT = {"config", "net", "memo"}  # a new agent has these already, or makes them when needed
-
 GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis does
 
 DAMAGED = (
     ValueError,
+    ArithmeticError,
     LookupError,
     TypeError,
     AttributeError,
@@ -35,43 +40,62 @@ DAMAGED = (
 )
 
 
-def save(path, agent, episodes):
+def save(path: Path | str, agent: Any, episodes: int) -> None:
     """Write the agent as it is after so many episodes; the same agent gives the same bytes."""
-    header = {"format": FORMAT, "episodes": episodes, "config": agent.config.to_dict()}
+    header = {
+        "format": FORMAT,
+        "episodes": episodes,
+        "agent": type(agent).__name__,
+        "config": agent.config.to_dict(),
+    }
     arrays = {"header": np.array(json.dumps(header))} | state(agent)
-    write_atomically(path, lambda file: np.savez(file, **arrays))
+    write_atomically(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
 
 
-def load(path, agent):
+def load(path: Path | str, agent: Any) -> int:
     """Restore into a new agent of the same config what save() wrote; returns the number of episodes
     it has seen.
+
+    UsageError where the file is damaged or another agent's; then nothing is changed.
     """
-    file = io.BytesIO(Path(path).read_bytes())
+    content = Path(path).read_bytes()
     try:
-        with np.load(file, allow_pickle=False) as content:
-            arrays = dict(content)
-        header = json.loads(arrays.pop("header").item())
-        config, episodes = Config.from_dict(header["config"]), header["episodes"]
-        if header["format"] != FORMAT:
-            raise ValueError(f"format {header['format']} instead of {FORMAT}")
+        arrays, header, config = _read(content)
     except DAMAGED as e:
         raise UsageError(
             f"{path} is damaged or foreign ({e}); without it --resume starts anew"
         ) from e
-    if config != agent.config:
+    kind = type(agent).__name__
+    if config.resolved() != agent.config.resolved() or header.get("agent", kind) != kind:
         raise UsageError(
             f"{path} belongs to a run with other settings than the config.json beside it"
         )
-    expected = state(agent)
-    if _outline(arrays) != _outline(expected):
+    if _outline(arrays) != _outline(state(agent)):
         raise UsageError(
             f"{path} does not fit this version of gbdqn_ref; start a new run in another folder"
         )
     _restore(agent, "", arrays)
-    return episodes
+    return header["episodes"]
 
 
-def state(thing, name=""):
+def _read(content: bytes) -> tuple[Arrays, dict[str, Any], Config]:
+    """(arrays, header, config) of a checkpoint; one of the DAMAGED where it is none."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        arrays = dict(file)
+    header = json.loads(arrays.pop("header").item())
+    check_shape(header, HEADER, "its header")
+    if header["format"] != FORMAT:
+        raise ValueError(f"format {header['format']} instead of {FORMAT}")
+    config = Config.from_dict(header["config"])
+    if not 0 <= header["episodes"] <= config.episodes:
+        raise ValueError(f"{header['episodes']} episodes of {config.episodes}")
+    for array in arrays.values():
+        if array.dtype.kind == "U":
+            _set_state(np.random.default_rng(), array)
+    return arrays, header, config
+
+
+def state(thing: Any, name: str = "") -> Arrays:
     """{path: array} of every array, number and generator in it, at any depth."""
     if isinstance(thing, np.ndarray):
         return {name: thing}
@@ -86,7 +110,7 @@ def state(thing, name=""):
     }
 
 
-def _restore(thing, name, arrays):
+def _restore(thing: Any, name: str, arrays: Arrays) -> Any:
     """The counterpart of state(): numbers and arrays are returned new, generators and objects
     changed in place.
     """
@@ -95,8 +119,7 @@ def _restore(thing, name, arrays):
     if isinstance(thing, (bool, int, float)):
         return arrays[name].item()
     if isinstance(thing, np.random.Generator):
-        thing.bit_generator.state = json.loads(arrays[name].item())
-        return thing
+        return _set_state(thing, arrays[name])
     for key, part in _parts(thing):
         value = _restore(part, _join(name, key), arrays)
         if isinstance(thing, list):
@@ -106,7 +129,13 @@ def _restore(thing, name, arrays):
     return thing
 
 
-def _parts(thing):
+def _set_state(rng: np.random.Generator, array: np.ndarray) -> np.random.Generator:
+    """The generator, in the state that the text in this array describes."""
+    rng.bit_generator.state = json.loads(array.item())
+    return rng
+
+
+def _parts(thing: Any) -> list[tuple[Any, Any]]:
     """(key, part) of what is inside a list, a tuple or one of our objects; text and None hold
     nothing to save.
     """
@@ -117,16 +146,16 @@ def _parts(thing):
     return [(key, part) for key, part in vars(thing).items() if key not in REBUILT]
 
 
-def _join(name, key):
+def _join(name: str, key: Hashable) -> str:
     return f"{name}.{key}" if name else str(key)
 
 
-def _outline(arrays):
-    """What must agree between a file and an agent: names, kinds and shapes, but for the number of
-    frozen boosters.
+def _outline(arrays: Arrays) -> dict[str, tuple]:
+    """What must agree between a file and an agent: names, types and shapes, but for the length of
+    what grows.
     """
     outline = {}
     for name, array in sorted(arrays.items()):
         shape = array.shape[1:] if name.startswith(GROWS) else array.shape
-        outline[name] = array.dtype.kind, shape
+        outline[name] = "text" if array.dtype.kind == "U" else array.dtype.str, shape
     return outline

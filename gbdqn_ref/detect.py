@@ -37,9 +37,9 @@ class Chart:
     away. Falls are not cut, so that the reference follows an agent that learns.
 
     >>> chart = Chart(level=5.0)
-    >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(40)]
-    >>> [chart.update(x=9.0, at=k) for k in range(40, 43)]      # the change came with step 40
-    [None, None, 40]
+    >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(41)]
+    >>> [chart.update(x=9.0, at=k) for k in range(41, 44)]      # the change came with step 41
+    [None, None, 41]
     """
 
     def __init__(self, level):

@@ -9,6 +9,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
 from tqdm import tqdm
 
 from . import drift, runs, stats, study
@@ -16,17 +17,14 @@ from .config import Config
 from .schedule import describe, stock
 from .train import evaluate, make_agent
 
-HURTS = 0.2  # of the span between random and trained
-
 
 def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
     """One dict per different regime of the schedule, the stock physics first: what three policies
     reach in it.
 
     random; frozen, trained in the stock physics and learning no more; trained, in this regime from
-    the start. Mean greedy returns over the same starts. lost = (trained − frozen) / (trained −
-    random), None where the trained one is not better than random by two standard errors. The runs
-    are kept in `out`, and those it has are not repeated.
+    the start. Mean greedy returns over the same starts, and what the drift costs. The runs are kept
+    in `out`, and those it has are not repeated.
     """
     regimes = {}
     for factors in [stock(config.env), *(regime.factors for regime in config.regimes)]:
@@ -43,16 +41,20 @@ def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
         list(tqdm(trainings, total=len(folders), unit="run", disable=quiet))
     chance = make_agent(Config(env=config.env, agent="random"))
     trained = [runs.read_agent(folder)[1] for folder in folders]
-    return [
-        {"regime": name}
-        | _levels(drift.make(config.env, schedule), (chance, trained[0], policy), episodes)
-        for name, schedule, policy in zip(regimes, schedules, trained, strict=True)
-    ]
+    rows = []
+    for name, schedule, policy in zip(regimes, schedules, trained, strict=True):
+        env = drift.make(config.env, schedule)
+        returns = [evaluate(each, env, episodes, seed=0) for each in (chance, trained[0], policy)]
+        rows.append({"regime": name} | cost(*returns))
+    return rows
 
 
-def _levels(env, policies, episodes):
-    returns = [evaluate(policy, env, episodes, seed=0) for policy in policies]
-    random, frozen, trained = (float(x.mean()) for x in returns)
-    gain = stats.gain(returns[2], random)
-    lost = None if gain is None else (trained - frozen) / gain
-    return {"random": random, "frozen": frozen, "trained": trained, "lost": lost}
+def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, float | None]:
+    """What a drift costs, from the returns (episodes,) of three policies in its physics.
+
+    lost = (trained − frozen) / (trained − random) of the means; None where trained shows no gain.
+    """
+    means = [float(returns.mean()) for returns in (random, frozen, trained)]
+    gain = stats.gain(trained, means[0])
+    lost = None if gain is None else (means[2] - means[1]) / gain
+    return dict(zip(("random", "frozen", "trained"), means, strict=True)) | {"lost": lost}

@@ -2,9 +2,11 @@
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from reprlib import repr as short
 from typing import IO, Any
 
 from . import UsageError
@@ -14,15 +16,72 @@ try:
 except ImportError:  # Windows has no flock; there nothing keeps two processes from one folder
     fcntl = None  # type: ignore[assignment]
 
+Shape = Any  # {key: shape}, [shape of each element], or a tuple of types
+NUMBER = (int, float)
+ANY = (dict, list, str, int, float, bool, type(None))
+
 
 def write_atomically(path: Path | str, write: Callable[[IO[bytes]], Any]) -> None:
-    """Call write(file) on a temporary file that takes path's place once it is complete."""
-    temporary = Path(f"{path}.part")
-    with open(temporary, "wb") as file:
-        write(file)
-        file.flush()
+    """Call write(file) on a temporary file that takes path's place once it is whole and on disk.
+
+    An OSError, as of a full disk, names path; what was there before stays.
+    """
+    path, temporary = Path(path), Path(f"{path}.part")
+    with naming(path):
+        try:
+            with open(temporary, "wb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+            sync_folder(path.parent)  # without it a crash may take the new name back
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let an error of the system name this file: a full disk does not say what did not fit."""
+    try:
+        yield
+    except OSError as e:
+        if not e.errno:
+            raise
+        raise OSError(e.errno, e.strerror, str(path)) from e
+
+
+def append(path: Path, content: bytes) -> None:
+    """Add to the end of a file; until sync() a crash may take it away, or a part of it."""
+    with naming(path), open(path, "ab") as file:
+        file.write(content)
+
+
+def sync(path: Path) -> None:
+    """Wait until all that was appended to a file is on disk."""
+    with naming(path), open(path, "ab") as file:
         os.fsync(file.fileno())
-    os.replace(temporary, path)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on disk."""
+    if not fcntl:
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    with suppress(OSError):  # as not every file system can
+        os.fsync(descriptor)
+    os.close(descriptor)
+
+
+def check_picture(path: Path | str, ending: str) -> None:
+    """UsageError if a picture of this kind cannot be written there."""
+    path = Path(path)
+    if path.is_dir():
+        raise UsageError(
+            f"{path} is a folder; --out is the file that takes the picture, like"
+            f" {path / 'picture'}{ending}"
+        )
+    if path.suffix.lower() != ending:
+        raise UsageError(f"the picture is written as {ending}, so --out cannot be {path}")
 
 
 def write_json(path: Path | str, content: Any) -> None:
@@ -31,34 +90,83 @@ def write_json(path: Path | str, content: Any) -> None:
     write_atomically(path, lambda file: file.write(text.encode()))
 
 
-def read_json(path: Path | str, *keys: str) -> dict[str, Any]:
-    """The object in a JSON file, which must have these keys."""
-    try:
+def read_json(path: Path | str, *keys: str, **shapes: Shape) -> dict[str, Any]:
+    """The object in a JSON file, which must have these keys, some of them with a shape."""
+    with undamaged(path):
         content = json.loads(Path(path).read_bytes())
-        missing = [key for key in keys if key not in dict(content)]
-        if missing:
-            raise ValueError(f"no {missing}")
-    except (ValueError, TypeError) as e:
-        raise UsageError(
-            f"{path} is damaged ({e}); restore it or start a new run in another folder"
-        ) from e
+        check_shape(content, dict.fromkeys(keys, ANY) | shapes, "it")
     return content
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from this folder; a killed process leaves no lock behind."""
-    if not fcntl:
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
+def undamaged(path: Path | str) -> Iterator[None]:
+    """UsageError names a file whose content is not what it should be."""
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as e:
-            raise UsageError(
-                f"{folder} is in use by another process; wait for it or choose another --out"
-            ) from e
+        yield
+    except (ValueError, TypeError, RecursionError) as e:
+        raise UsageError(
+            f"{path} is damaged ({e}); restore it or start a new run in another folder"
+        ) from e
+
+
+def check_shape(value: Any, shape: Shape, name: str) -> None:
+    """ValueError that names the part of a JSON value that has not its shape.
+
+    >>> check_shape({"seeds": [1, "2"]}, {"seeds": [NUMBER]}, "it")
+    Traceback (most recent call last):
+    ValueError: it['seeds'][1] is '2', not int or float
+    """
+    kinds = (type(shape),) if isinstance(shape, (dict, list)) else shape
+    if type(value) not in kinds:
+        words = " or ".join(kind.__name__ for kind in kinds)
+        raise ValueError(f"{name} is {short(value)}, not {words}")
+    if isinstance(shape, dict):
+        for key in shape:
+            if key not in value:
+                raise ValueError(f"{name} has no {key!r}")
+            check_shape(value[key], shape[key], f"{name}[{key!r}]")
+    if isinstance(shape, list):
+        for i, each in enumerate(value):
+            check_shape(each, shape[0], f"{name}[{i}]")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Make a folder if there is none, and keep other processes from it.
+
+    A killed process leaves no lock behind. A new folder that is still empty at the end is removed.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder} is not a folder; choose another --out")
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for each in made:
+        sync_folder(each.parent)
+    descriptor = _lock(folder) if fcntl else None
+    try:
         yield
     finally:
+        if descriptor is not None:
+            os.close(descriptor)
+        for each in made:
+            with suppress(OSError):  # it is not empty
+                each.rmdir()
+
+
+def _lock(folder: Path) -> int:
+    """The descriptor that holds the lock. Where the file system knows none, say so and go on."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as e:
         os.close(descriptor)
+        raise UsageError(
+            f"{folder} is in use by another process; wait for it or choose another --out"
+        ) from e
+    except OSError as e:
+        print(
+            f"gbdqn_ref: {folder} is on a file system without locks ({e.strerror}); see to it that"
+            " no other process writes there",
+            file=sys.stderr,
+        )
+    return descriptor

@@ -1,255 +1,336 @@
-"""Every picture. Nothing here computes more than it shows."""
+"""Every picture, drawn from stored rows. Nothing here computes more than it shows.
+
+Pictures look the same everywhere: Matplotlib's own defaults hold, whatever the user's matplotlibrc
+says, and no window is ever opened.
+"""
 
 import io
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from . import stats
 from .agents import AGENTS, BLUE, ORANGE
-from .files import write_atomically
-from .schedule import LABELS, describe
+from .config import Config
+from .files import check_picture, write_atomically
+from .schedule import LABELS, Regime, describe
+from .stats import Rows
 
-SMOOTHING = 15
+
+@contextmanager
+def _any_backend() -> Iterator[None]:
+    """Import Matplotlib even where MPLBACKEND names no backend; one that is known still counts."""
+    name = os.environ.pop("MPLBACKEND", None)
+    first = "matplotlib" not in sys.modules
+    yield
+    if name is not None:
+        os.environ["MPLBACKEND"] = name
+        with suppress(ValueError):
+            matplotlib.rcParams.update({"backend": name} if first else {})
 
 
-def learning_curves(runs, config, random_return, path):
-    """Return per episode of each agent in {agent: records}, as points and trailing means, with the
-    drifts marked.
-    """
-    figure = Figure(figsize=(10, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    for agent, records in runs.items():
-        episode, returns = np.array([(record["episode"], record["return"]) for record in records]).T
-        axes.plot(
-            episode,
-            returns,
-            AGENTS[agent].mark,
-            color=AGENTS[agent].colour,
-            markersize=3,
-            alpha=0.35,
-            markeredgewidth=0,
+with _any_backend():
+    import matplotlib
+    from matplotlib import style
+    from matplotlib.axes import Axes
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+SMOOTHING = 15  # episodes of the trailing mean that is drawn
+FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+
+Look = dict[str, Any]
+
+# Looks: sizes in inches, points and shares of the axes; greys, and how much shows through.
+plain = partial(style.context, "default")
+CURVES, PANEL, AFTER, FOREST, MAPS = (10.0, 5.0), (4.0, 2.6), (10.0, 6.5), (8.0, 0.45), (10.0, 5.2)
+NARROW, LINE_HEIGHT, ABOVE, BESIDE = 0.11, 0.055, 1.015, 1.01
+LANE, WIDTH = 0.12, 0.8  # of the longest regime; of the place that a regime has
+GREY, DPI = "0.45", 120
+EPISODES: Look = dict(linestyle="", markersize=3, alpha=0.35, markeredgewidth=0)
+SEEDS: Look = dict(linestyle="", marker="o", markersize=6, alpha=0.45, markeredgewidth=0)
+MEDIANS: Look = dict(linestyle="", markersize=8, markeredgecolor="white", markeredgewidth=0.8)
+THICK: Look = dict(linewidth=2.2)
+THIN: Look = dict(linewidth=0.6, alpha=0.5)
+BAND: Look = dict(alpha=0.25, linewidth=0)
+CHANCE: Look = dict(color=GREY, linewidth=1.2, linestyle=":")
+RIVAL: Look = dict(color="0.25", linewidth=1.0, linestyle="--")
+LEVEL: Look = dict(color="0.7", linewidth=0.8, zorder=0)
+START: Look = dict(color="0.25", linewidth=0.8, linestyle="--")
+SHADE: Look = dict(color="0.93", zorder=0)
+TITLE: Look = dict(fontsize=11)
+LABEL: Look = dict(fontsize=10)
+REGIME: Look = dict(ha="center", va="bottom", fontsize=9)
+COUNT: Look = dict(ha="center", va="bottom", fontsize=9)
+END: Look = dict(va="center", fontsize=10)
+LEGEND: Look = dict(loc="outside lower center", frameon=False)
+PLANE: Look = dict(
+    origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest"
+)
+
+
+def learning_curves(runs: Mapping[str, Rows], config: Config, random_return: float) -> Figure:
+    """The returns of {agent: records}, as points and trailing means, with the regimes marked."""
+    with plain():
+        figure = Figure(CURVES, layout="constrained")
+        axes = figure.subplots()
+        ends = [("random policy", GREY, random_return)]
+        for agent, records in runs.items():
+            look = AGENTS[agent]
+            episode = np.array([record["episode"] for record in records])
+            returns = np.array([record["return"] for record in records])
+            smooth = stats.trailing_mean(returns, SMOOTHING)
+            axes.plot(episode, returns, marker=look.mark, color=look.colour, **EPISODES)
+            axes.plot(episode[SMOOTHING - 1 :], smooth, look.line, color=look.colour, **THICK)
+            ends.append((look.label, look.colour, [*returns, *smooth][-1]))
+        axes.axhline(random_return, **CHANCE)
+        axes.set_xlim(0, config.episodes)
+        _label_ends(axes, ends)
+        _mark_regimes(axes, config)
+        _name_regimes(axes, config)
+        axes.set(xlabel="episode", ylabel="return")
+        figure.suptitle(
+            f"{LABELS[config.env]}, seed {config.seed}: episodes, and means of the last"
+            f" {SMOOTHING}; grey: not the stock physics",
+            **TITLE,
         )
-        smooth = stats.trailing_mean(returns, SMOOTHING)
-        look = dict(color=AGENTS[agent].colour, linestyle=AGENTS[agent].line, linewidth=2.2)
-        axes.plot(episode[SMOOTHING - 1 :], smooth, **look, label=AGENTS[agent].label)
-    axes.axhline(random_return, color="0.45", linewidth=1.2, linestyle=":", label="random policy")
-    _mark_regimes(axes, config)
-    axes.set(
-        xlabel="episode", ylabel=f"return (points: episodes, lines: mean of the last {SMOOTHING})"
-    )
-    title = f"{LABELS[config.env]}, seed {config.seed}: the physics change at the dashed lines"
-    axes.set_title(title, loc="left", pad=34)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
-    save(figure, path)
-
-
-def study_curves(runs, config, random_return, path):
-    """A panel per agent of {agent: [records per seed]}: every seed, their mean, and its bootstrap
-    interval.
-    """
-    rows, columns = -(-len(runs) // 3), min(3, len(runs))
-    figure = Figure(figsize=(12, 0.9 + 2.7 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    smooth = {agent: _smoothed(records) for agent, records in runs.items()}
-    episode, rng = np.arange(SMOOTHING - 1, config.episodes), np.random.default_rng(0)
-    for axes, (agent, curves) in zip(panels, smooth.items(), strict=False):
-        colour, middle = AGENTS[agent].colour, curves.mean(0)
-        axes.plot(episode, curves.T, color=colour, linewidth=0.6, alpha=0.5)
-        draws = curves[rng.integers(len(curves), size=(500, len(curves)))].mean(1)
-        axes.fill_between(
-            episode,
-            *np.quantile(draws, [0.025, 0.975], axis=0),
-            color=colour,
-            alpha=0.25,
-            linewidth=0,
-        )
-        axes.plot(episode, middle, color=colour, linewidth=2)
-        if "dqn" in smooth and agent != "dqn":
-            axes.plot(episode, smooth["dqn"].mean(0), color="0.2", linewidth=1, linestyle=":")
-        axes.axhline(random_return, color="0.45", linewidth=1, linestyle="--")
-        for regime in config.regimes[1:]:
-            axes.axvline(regime.start, color="0.6", linewidth=0.8)
-        axes.set_title(AGENTS[agent].label, loc="left", fontsize=10)
-        axes.spines[["top", "right"]].set_visible(False)
-    for axes in panels[len(runs) :]:
-        axes.set_visible(False)
-    for axes in panels[max(0, len(runs) - columns) : len(runs)]:
-        axes.tick_params(labelbottom=True)
-    figure.supxlabel("episode; the physics change at the upright lines", fontsize=10)
-    figure.supylabel(f"return, mean of the last {SMOOTHING}", fontsize=10)
-    what = (
-        "thin: seeds, thick: their mean, band: 95 % bootstrap; dotted: DQN's mean, dashed: random"
-        " policy"
-    )
-    figure.suptitle(f"{LABELS[config.env]} — {what}", fontsize=10, x=0.01, ha="left")
-    save(figure, path)
-
-
-def adaptation(summaries, config, path):
-    """Recovery and area after each drift of {agent: [summary per seed]}: every seed, and the median
-    of each agent.
-    """
-    regimes = config.regimes[1:]
-    agents = [agent for agent in summaries if agent != "random"]
-    figure = Figure(figsize=(10, 6.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    above, below = figure.subplots(2, 1, sharex=True)
-    never = 1.15 * max(regime.end - regime.start for regime in regimes)
-    for k, agent in enumerate(agents):
-        rows = list(zip(*(run["regimes"][1:] for run in summaries[agent]), strict=True))
-        for axes, key, censored in ((above, "recovery", never), (below, "area", np.nan)):
-            values = np.array(
-                [[censored if run[key] is None else run[key] for run in regime] for regime in rows]
-            )
-            x = np.arange(len(rows)) + (k + 0.5) / len(agents) * 0.8 - 0.4
-            axes.plot(
-                x,
-                values,
-                ".",
-                color=AGENTS[agent].colour,
-                alpha=0.4,
-                markersize=6,
-                markeredgewidth=0,
-            )
-            axes.plot(
-                x,
-                np.median(values, 1),
-                AGENTS[agent].mark,
-                color=AGENTS[agent].colour,
-                markersize=7,
-                label=AGENTS[agent].label,
-            )
-    above.axhline(never, color="0.7", linewidth=0.8, zorder=0)
-    above.text(len(regimes) - 0.5, never, "never ", ha="right", va="bottom", color="0.4")
-    above.set(ylabel="recovery, episodes", ylim=(0, 1.1 * never))
-    below.axhline(1, color="0.7", linewidth=0.8, zorder=0)
-    below.set(ylabel="area (0: random, 1: as before)", xlim=(-0.5, len(regimes) - 0.5))
-    labels = [
-        ("reset: " if regime.event == "reset" else "") + describe(regime.factors, "\n")
-        for regime in regimes
-    ]
-    below.set_xticks(range(len(regimes)), labels)
-    for axes in (above, below):
-        axes.spines[["top", "right"]].set_visible(False)
-    above.set_title(
-        f"{LABELS[config.env]}, after each drift: dots are seeds, marks their medians", loc="left"
-    )
-    handles, names = above.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
-    save(figure, path)
-
-
-def value_maps(before, after, m):
-    """Q_{m−1} (n, n, 3), what the booster adds, and Q_m over MountainCar's plane (watch.plane),
-    above their policies.
-
-    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy
-    actions, and where the booster changed them. Returns the figure.
-    """
-    figure = Figure(figsize=(10, 5.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    (top, bottom), greedy = figure.subplots(2, 3, sharex=True, sharey=True), after.argmax(-1)
-    added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
-    low, high = min(before.max(-1).min(), after.max(-1).min()), max(before.max(), after.max())
-    size = np.abs(added).max()
-    look = dict(
-        origin="lower", extent=(-1.2, 0.6, -0.07, 0.07), aspect="auto", interpolation="nearest"
-    )
-    value = dict(cmap="viridis", vmin=low, vmax=high)
-    change = dict(cmap="PuOr", vmin=-size, vmax=size)
-    titles = (
-        f"$\\max_a\\, Q_{m - 1}$",
-        f"$\\alpha\\, h_{m}$, at $Q_{m}$'s action",
-        f"$\\max_a\\, Q_{m}$",
-    )
-    pictures = zip(
-        top, titles, (before.max(-1), added, after.max(-1)), (value, change, value), strict=True
-    )
-    for axes, title, picture, colours in pictures:
-        figure.colorbar(axes.imshow(picture, **look, **colours), ax=axes)
-        axes.set_title(title, loc="left")
-    actions = dict(cmap=ListedColormap([BLUE, "0.9", ORANGE]), vmin=0, vmax=2)
-    bottom[0].imshow(before.argmax(-1), **look, **actions)
-    bottom[1].imshow(greedy != before.argmax(-1), **look, cmap="Greys", vmin=0, vmax=1)
-    bottom[2].imshow(greedy, **look, **actions)
-    what = (f"greedy in $Q_{m - 1}$", "where that changed (black)", f"greedy in $Q_{m}$")
-    for axes, title in zip(bottom, what, strict=True):
-        axes.set_title(title, loc="left")
-        axes.set_xlabel("position")
-    for row in (top, bottom):
-        row[0].set_ylabel("velocity, per step")
-    handles = [
-        Patch(color=actions["cmap"](i), label=name)
-        for i, name in enumerate(("left", "coast", "right"))
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
-def _smoothed(records):
-    """Trailing means of the returns (seeds, episodes − SMOOTHING + 1)."""
-    return np.array(
-        [
-            stats.trailing_mean(np.array([each["return"] for each in run]), SMOOTHING)
-            for run in records
-        ]
-    )
+def study_curves(
+    runs: Mapping[str, Sequence[Rows]], config: Config, random_return: float
+) -> Figure:
+    """A panel per agent of {agent: [records per seed]}: the seeds, their mean and its interval."""
+    columns = min(3, len(runs))
+    rows = -(-len(runs) // columns)
+    smooth = {agent: _smoothed(records) for agent, records in runs.items()}
+    episode = np.arange(SMOOTHING - 1, config.episodes)
+    with plain():
+        figure = Figure((PANEL[0] * columns, PANEL[1] * rows + 1), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        for axes, (agent, curves) in zip(panels, smooth.items(), strict=False):
+            _seeds_and_mean(axes, episode, curves, AGENTS[agent].colour)
+            if "dqn" in smooth and agent != "dqn":
+                axes.plot(episode, smooth["dqn"].mean(0), **RIVAL)
+            axes.axhline(random_return, **CHANCE)
+            axes.set_xlim(0, config.episodes)
+            axes.set_title(AGENTS[agent].label, loc="left", color=AGENTS[agent].colour)
+            _mark_regimes(axes, config)
+        for axes in panels[len(runs) :]:
+            axes.set_visible(False)
+        for axes in panels[len(runs) - columns : len(runs)]:
+            axes.tick_params(labelbottom=True)
+        figure.supxlabel("episode (grey: not the stock physics)", **LABEL)
+        figure.supylabel(f"return, mean of the last {SMOOTHING}", **LABEL)
+        figure.suptitle(
+            f"{LABELS[config.env]}: seeds (thin), their mean (thick), its 95 % bootstrap interval"
+            " (band);\nthe mean of DQN (dashed), the random policy (dotted)",
+            **TITLE,
+        )
+    return figure
 
 
-def forest(final, path):
-    """Final returns minus DQN's on the same seeds, {agent: (seeds,)}: every pair, their IQM and its
-    interval.
+def adaptation(summaries: Mapping[str, Rows], config: Config) -> Figure:
+    """Recovery and area after each drift of {agent: summaries}: every seed, and the medians.
+
+    A recovery that did not come has a place above all others. One that is undefined has none: the
+    number of such seeds stands at the top, and the median is that of the others.
     """
-    others = [agent for agent in final if agent != "dqn"]
-    figure = Figure(figsize=(8, 1.2 + 0.45 * len(others)), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    axes.axvline(0, color="0.25", linewidth=1)
-    for y, agent in enumerate(reversed(others)):
-        middle, low, high = stats.paired_difference(
-            final[agent], final["dqn"], np.random.default_rng(0)
+    agents = [agent for agent in summaries if agent != "random"]
+    longest = max(regime.end - regime.start for regime in config.regimes[1:])
+    never = (1 + LANE) * longest
+    with plain():
+        figure = Figure(AFTER, layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 4))
+        for k, agent in enumerate(agents):
+            for drift in range(1, len(config.regimes)):
+                x = drift + ((k + 0.5) / len(agents) - 0.5) * WIDTH
+                rows = [run["regimes"][drift] for run in summaries[agent]]
+                _after_drift(above, below, x, agent, rows, never)
+        above.axhline(never, **LEVEL)
+        below.axhline(1, **LEVEL)
+        below.axhline(0, **LEVEL)
+        above.set(ylabel="recovery, episodes", ylim=(0, (1 + 2 * LANE) * longest))
+        ticks = [tick for tick in above.get_yticks() if tick <= longest]
+        above.set_yticks([*ticks, never], [*(f"{tick:g}" for tick in ticks), "never"])
+        below.set(ylabel="area (0: random, 1: as before)", xlim=(0.5, len(config.regimes) - 0.5))
+        names = [_name(regime) for regime in config.regimes[1:]]
+        below.set_xticks(range(1, len(config.regimes)), names)
+        for axes in (above, below):
+            axes.spines[["top", "right"]].set_visible(False)
+        figure.suptitle(
+            f"{LABELS[config.env]}, after each drift: seeds (dots) and their medians (marks);\n"
+            "numbers at the top: seeds with nothing to lose, whose recovery is undefined",
+            **TITLE,
         )
-        difference = np.asarray(final[agent]) - final["dqn"]
-        axes.plot(
-            difference,
-            np.full(len(difference), y),
-            "o",
-            color=AGENTS[agent].colour,
-            alpha=0.5,
-            markersize=4,
-        )
-        axes.plot([low, high], [y, y], color=AGENTS[agent].colour, linewidth=2)
-        axes.plot(middle, y, AGENTS[agent].mark, color=AGENTS[agent].colour, markersize=8)
-    axes.set_yticks(range(len(others)), [AGENTS[agent].label for agent in reversed(others)])
-    axes.set_xlabel(
-        "final return minus DQN's (dots: seeds; mark and bar: IQM and 95 % bootstrap interval)"
-    )
-    axes.spines[["top", "right"]].set_visible(False)
-    save(figure, path)
+        marks = [_mark(agent) for agent in agents]
+        figure.legend(handles=marks, ncols=min(5, len(agents)), **LEGEND)
+    return figure
 
 
-def save(figure, path):
-    """Write a figure as a PNG, atomically."""
+def forest(summaries: Mapping[str, Rows], config: Config) -> Figure:
+    """Final returns minus DQN's on the same seeds: every pair, their IQM and its interval."""
+    others = [agent for agent in reversed(list(summaries)) if agent != "dqn"]
+    with plain():
+        figure = Figure((FOREST[0], FOREST[1] * (len(others) + 3)), layout="constrained")
+        axes = figure.subplots()
+        axes.axvline(0, **LEVEL)
+        for y, agent in enumerate(others):
+            ours, theirs = stats.same_seeds(summaries[agent], summaries["dqn"])
+            difference, look = ours - theirs, AGENTS[agent]
+            middle, low, high = stats.paired_difference(ours, theirs, np.random.default_rng(0))
+            axes.plot(difference, [y] * len(difference), color=look.colour, **SEEDS)
+            if len(difference) > 1:
+                axes.plot([low, high], [y, y], color=look.colour, **THICK)
+            axes.plot([middle], [y], marker=look.mark, color=look.colour, **MEDIANS)
+        axes.set_yticks(range(len(others)), [AGENTS[agent].label for agent in others])
+        axes.set(xlabel="final return minus DQN's", ylim=(-0.6, len(others) - 0.4))
+        axes.spines[["top", "right"]].set_visible(False)
+        figure.suptitle(
+            f"{LABELS[config.env]}: seeds (dots), their IQM (mark), its 95 % bootstrap interval"
+            " (bar)",
+            **TITLE,
+        )
+    return figure
+
+
+def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
+    """Q_{m−1} and Q_m (n, n, 3) over MountainCar's plane (watch.plane), and what the booster adds.
+
+    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy
+    actions, and where the booster changed them.
+    """
+    greedy = after.argmax(-1)
+    added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
+    low, high = min(before.max(-1).min(), after.max(-1).min()), max(before.max(), after.max())
+    size = np.abs(added).max()
+    value: Look = dict(cmap="viridis", vmin=low, vmax=high)
+    change: Look = dict(cmap="PuOr", vmin=-size, vmax=size)
+    actions: Look = dict(cmap=ListedColormap([BLUE, "0.9", ORANGE]), vmin=0, vmax=2)
+    changed: Look = dict(cmap="Greys", vmin=0, vmax=1)
+    pictures = [
+        (f"$\\mathrm{{max}}_a\\, Q_{{{m - 1}}}$", before.max(-1), value),
+        (f"$\\alpha\\, h_{{{m}}}$, at $Q_{{{m}}}$'s action", added, change),
+        (f"$\\mathrm{{max}}_a\\, Q_{{{m}}}$", after.max(-1), value),
+        (f"greedy in $Q_{{{m - 1}}}$", before.argmax(-1), actions),
+        ("where that changed (black)", greedy != before.argmax(-1), changed),
+        (f"greedy in $Q_{{{m}}}$", greedy, actions),
+    ]
+    with plain():
+        figure = Figure(MAPS, layout="constrained")
+        panels = figure.subplots(2, 3, sharex=True, sharey=True)
+        for axes, (title, picture, colours) in zip(panels.flat, pictures, strict=True):
+            image = axes.imshow(picture, **PLANE, **colours)
+            axes.set_title(title, loc="left")
+            if axes in panels[0]:
+                figure.colorbar(image, ax=axes)
+        for axes in panels[1]:
+            axes.set_xlabel("position")
+        for axes in panels[:, 0]:
+            axes.set_ylabel("velocity, per step")
+        named = zip(actions["cmap"].colors, ("left", "coast", "right"), strict=True)
+        handles = [Patch(color=colour, label=name) for colour, name in named]
+        figure.legend(handles=handles, ncols=3, **LEGEND)
+    return figure
+
+
+def save(figure: Figure, path: Path | str) -> None:
+    """Write a figure as a PNG, atomically; its folder is made."""
+    check_picture(path, ".png")
     picture = io.BytesIO()
-    figure.savefig(picture, dpi=120, format="png")
+    with plain():
+        figure.savefig(picture, dpi=DPI, format="png")
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, lambda file: file.write(picture.getvalue()))
 
 
-def _mark_regimes(axes, config):
-    """Shade the regimes in turn, and say above each what is not as in the stock physics."""
-    axes.set_xlim(0, config.episodes)
-    for start, end, factors, event in config.regimes:
-        if any(factor != 1 for factor in factors.values()):
-            axes.axvspan(start, end, color="0.93", zorder=0)
-        if start:
-            axes.axvline(start, color="0.25", linewidth=1, linestyle="--")
-        label = ("reset:\n" if event == "reset" else "") + describe(factors, "\n")
-        middle, above = (start + end) / 2, axes.get_xaxis_transform()
-        axes.text(middle, 1.01, label, transform=above, ha="center", va="bottom", fontsize=9)
+def _smoothed(runs: Sequence[Rows]) -> np.ndarray:
+    """The trailing means of the returns, (seeds, episodes − SMOOTHING + 1)."""
+    returns = np.array([[record["return"] for record in records] for records in runs])
+    return np.array([stats.trailing_mean(each, SMOOTHING) for each in returns])
+
+
+def _seeds_and_mean(axes: Axes, episode: np.ndarray, curves: np.ndarray, colour: str) -> None:
+    """Each curve of (seeds, episodes), their mean, and its interval if there are several."""
+    axes.plot(episode, curves.T, color=colour, **THIN)
+    axes.plot(episode, curves.mean(0), color=colour, **THICK)
+    if len(curves) > 1:
+        rng = np.random.default_rng(0)
+        means = curves[rng.integers(len(curves), size=(500, len(curves)))].mean(1)
+        low, high = np.quantile(means, [0.025, 0.975], axis=0)
+        axes.fill_between(episode, low, high, color=colour, **BAND)
+
+
+def _after_drift(above: Axes, below: Axes, x: float, agent: str, rows: Rows, never: float) -> None:
+    """One agent's recoveries and areas after one drift, at x."""
+    colour, mark = AGENTS[agent].colour, AGENTS[agent].mark
+    defined = [row for row in rows if row["area"] is not None]
+    medians = stats.regime_medians(rows)
+    if medians["undefined"]:
+        place, count = above.get_xaxis_transform(), str(medians["undefined"])
+        above.text(x, 1, count, transform=place, color=colour, **COUNT)
+    for axes, key in ((above, "recovery"), (below, "area")):
+        heights = [never if row[key] is None else row[key] for row in defined]
+        axes.plot([x] * len(heights), heights, color=colour, **SEEDS)
+        if defined:
+            middle = never if medians[key] is None else medians[key]
+            axes.plot([x], [middle], marker=mark, color=colour, **MEDIANS)
+
+
+def _mark(agent: str) -> Line2D:
+    """What stands for an agent in a legend."""
+    look = AGENTS[agent]
+    return Line2D([], [], marker=look.mark, color=look.colour, label=look.label, **MEDIANS)
+
+
+def _mark_regimes(axes: Axes, config: Config) -> None:
+    """Shade the regimes whose physics are not the stock ones, and draw a line where one begins."""
+    for regime in config.regimes:
+        if regime.drifted:
+            axes.axvspan(regime.start, regime.end, **SHADE)
+        if regime.start:
+            axes.axvline(regime.start, **START)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _name_regimes(axes: Axes, config: Config) -> None:
+    """Say above each regime what is not as in the stock physics."""
+    narrowest = min(regime.end - regime.start for regime in config.regimes) / config.episodes
+    turned = 90 if narrowest < NARROW else 0
+    place = axes.get_xaxis_transform()
+    for regime in config.regimes:
+        middle = (regime.start + regime.end) / 2
+        axes.text(middle, ABOVE, _name(regime), transform=place, rotation=turned, **REGIME)
+
+
+def _name(regime: Regime) -> str:
+    return ("reset:\n" if regime.event == "reset" else "") + describe(regime.factors, "\n")
+
+
+def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
+    """Names beside the right ends of curves, (name, colour, height) each, moved apart."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high)
+    heights = (np.array([height for _, _, height in ends]) - low) / (high - low)
+    for (name, colour, _), height in zip(ends, apart(heights), strict=True):
+        axes.text(BESIDE, height, name, color=colour, transform=axes.transAxes, **END)
+
+
+def apart(heights: np.ndarray) -> np.ndarray:
+    """The heights, with overlapping neighbours moved apart by equal parts until a line fits in."""
+    placed, order = heights.copy(), np.argsort(heights, kind="stable")
+    for _ in range(100):
+        for below, above in pairwise(order):
+            overlap = max(0.0, placed[below] + LINE_HEIGHT - placed[above])
+            placed[below] -= overlap / 2
+            placed[above] += overlap / 2
+    return placed

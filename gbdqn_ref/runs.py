@@ -1,32 +1,44 @@
 """A run's folder: what is in it, how it is written, and how a run goes on after it was killed.
 
-    config.json      the resolved settings, and the versions of what made them
+    config.json      the settings, and the libraries and the code that the run was made with
     episodes.csv     one line per episode, written as it ends
     checkpoint.npz   the whole agent, at most ten seconds old
     summary.json     the table per regime, when the run is complete
     curve.png        the learning curve with its drifts, likewise
 
 No file depends on the clock: killed and resumed, a run ends with the same bytes as one that was
-left alone.
+left alone. docs/promises.md has all that a folder promises.
 """
 
-import csv
-import platform
+import sys
 import time
-from importlib.metadata import version
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from reprlib import repr as short
+from typing import Any
 
-import gymnasium
-import numpy as np
 from tqdm import tqdm
 
-from . import UsageError, __version__, checkpoint, drift, plots, stats
+from . import UsageError, checkpoint, drift, plots, provenance, stats
+from .agents import AGENTS, OWN
 from .config import Config
-from .files import locked, read_json, write_atomically, write_json
+from .files import (
+    NUMBER,
+    append,
+    check_shape,
+    locked,
+    read_json,
+    sync,
+    undamaged,
+    write_atomically,
+    write_json,
+)
 from .replay import RecencyReplay
 from .train import evaluate, make_agent, run
 
-COLUMNS = {
+Record = dict[str, Any]
+
+COLUMNS: dict[str, Callable[[str], Any]] = {
     "episode": int,
     "regime": int,
     "event": str,
@@ -40,67 +52,106 @@ COLUMNS = {
 HEADER = ",".join(COLUMNS).encode()
 CHECKPOINT_SECONDS = 10
 
+RUN = {"env": (str,), "agent": (str,), "seed": (int,), "episodes": (int,)}
+MADE_WITH = {"versions": (dict,), "code": (dict,)}
+CONFIG_FILE = MADE_WITH | {"config": RUN, "own": (dict,), "continued": [MADE_WITH]}
+UNRECORDED: dict = {"own": {}, "versions": {}, "code": {}, "continued": []}  # in an older run
+MAYBE = (*NUMBER, type(None))
+REGIME = {
+    "regime": (int,),
+    "first_episode": (int,),
+    "episodes": (int,),
+    "event": (str,),
+    "mean_return": NUMBER,
+    "drop": MAYBE,
+    "recovery": MAYBE,
+    "area": MAYBE,
+}
+SUMMARY = RUN | {
+    "steps": (int,),
+    "final_return": NUMBER,
+    "random_return": NUMBER,
+    "regimes": [REGIME],
+    "evaluation": [[NUMBER]],
+}
 
-def train(config, out, resume=False, quiet=False):
-    """Train into the folder `out`, showing progress; returns its summary. A complete run is only
-    read.
+
+def train(
+    config: Config, out: Path | str, resume: bool = False, quiet: bool = False, accept: bool = False
+) -> dict[str, Any]:
+    """Train into the folder `out`, showing progress; returns its summary.
 
     Without resume the folder must be new or empty. With it, a run that was killed goes on from its
-    checkpoint.
+    checkpoint, and a complete one is only read. It goes on under other libraries or other code only
+    where `accept` says so, and then config.json says so too.
     """
     out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is not a folder; choose another --out")
-    if resume and read_config(out).resolved() != config.resolved():
-        raise UsageError(
-            f"the run in {out} has other settings; leave them out to resume it, or choose another"
-            " --out"
-        )
-    out.mkdir(parents=True, exist_ok=True)
+    if resume:
+        _check_settings(config, out)
     with locked(out):
         if not resume:
-            _start(config, out)
+            _check_empty(out)
         if not (out / "summary.json").exists():
-            _train(config, out, quiet)
-    return read_summary(out)
+            _complete(config, out, resume, quiet, accept)
+        summary = read_summary(out)
+        _check_summary(config, summary, out)
+        if not (out / "curve.png").exists():
+            _draw(config, summary["random_return"], out)
+    return summary
 
 
-def _train(config, out, quiet):
-    agent, first = make_agent(config), 0
+def _complete(config: Config, out: Path, resume: bool, quiet: bool, accept: bool) -> None:
+    """Bring a run to its end, from its checkpoint or its beginning."""
+    agent, first = _new_agent(config), 0  # first of all: it may not fit into memory
     if (out / "checkpoint.npz").exists():
         first = checkpoint.load(out / "checkpoint.npz", agent)
+    changed = changes(out) if resume else []
+    if changed and not accept:
+        raise UsageError(
+            f"the run in {out} was made with other versions ({', '.join(changed)}); go back to"
+            " those, or let it go on under these with --accept-versions"
+        )
+    if not resume:
+        _write_config(config, out)
     _cut(out / "episodes.csv", first)
+    if changed:
+        _record_change(config, first, out)
     if first < config.episodes:
-        _train_on(config, agent, first, out, quiet)
+        _write_episodes(config, agent, first, out, quiet)
         agent = agent.finish()
         checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
-    records, level = read_episodes(out), random_return(config)
-    plots.learning_curves({config.agent: records}, config, level, out / "curve.png")
-    write_json(out / "summary.json", summarise(config, agent, records, level))
+    summary = summarise(config, agent, read_episodes(out), random_return(config))
+    write_json(out / "summary.json", summary)
 
 
-def _train_on(config, agent, first, out, quiet):
-    """Append a line per episode, with a checkpoint now and then."""
-    saved = time.monotonic()
-    with (
-        open(out / "episodes.csv", "a", newline="", encoding="utf-8") as file,
-        tqdm(
-            total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet
-        ) as bar,
-    ):
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+def _write_episodes(config: Config, agent: Any, first: int, out: Path, quiet: bool) -> None:
+    """Append a line per episode, with a checkpoint now and then.
+
+    The lines are on disk before the checkpoint that counts them.
+    """
+    path, saved = out / "episodes.csv", time.monotonic()
+    with tqdm(
+        total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet
+    ) as bar:
         for record in run(config, agent, first):
-            writer.writerow(record | {"evaluation": " ".join(map(repr, record["evaluation"]))})
-            file.flush()
+            append(path, _line(record))
             bar.set_postfix(_progress(record), refresh=False)
             bar.update()
             episodes = record["episode"] + 1
             if time.monotonic() - saved > CHECKPOINT_SECONDS and episodes < config.episodes:
+                sync(path)
                 checkpoint.save(out / "checkpoint.npz", agent, episodes)
                 saved = time.monotonic()
+    sync(path)
 
 
-def _progress(record):
+def _line(record: Record) -> bytes:
+    """A line of episodes.csv."""
+    values = record | {"evaluation": " ".join(map(repr, record["evaluation"]))}
+    return (",".join(str(values[name]) for name in COLUMNS) + "\n").encode()
+
+
+def _progress(record: Record) -> dict[str, Any]:
     """What the bar shows of the last episode."""
     return {
         "return": f"{record['return']:.0f}",
@@ -109,7 +160,9 @@ def _progress(record):
     }
 
 
-def summarise(config, agent, records, level):
+def summarise(
+    config: Config, agent: Any, records: Sequence[Record], level: float
+) -> dict[str, Any]:
     """The contents of summary.json; `evaluation` has a row after each regime, a column for each it
     is evaluated in.
     """
@@ -129,74 +182,161 @@ def summarise(config, agent, records, level):
     return summary
 
 
-def random_return(config, episodes=20):
+def random_return(config: Config, episodes: int = 20) -> float:
     """Mean return of the random policy in the stock physics: the zero of the level scale."""
     agent = make_agent(Config(env=config.env, agent="random"))
     return float(evaluate(agent, drift.make(config.env), episodes, seed=0).mean())
 
 
-def _start(config, out):
-    """Put config.json into an empty folder; what a crash left half-written does not count."""
+def _draw(config: Config, level: float, out: Path) -> None:
+    """curve.png; a picture that fails is told in one line, and costs nothing else."""
+    records, path = read_episodes(out), out / "curve.png"
+    try:
+        plots.save(plots.learning_curves({config.agent: records}, config, level), path)
+    except Exception as e:  # LaTeX, fonts, a full disk: each fails in its own way
+        reason = f"{type(e).__name__}: {e}".splitlines()[0]
+        print(
+            f"gbdqn_ref: {path} could not be drawn ({reason}); the run is complete without it, and"
+            " train --resume tries again",
+            file=sys.stderr,
+        )
+
+
+# --- beginning and going on -----------------------------------------------------------------------
+
+
+def changes(out: Path | str) -> list[str]:
+    """What decides a run and differs from what the run in a folder was last made with."""
+    content = _read_config_file(out)
+    before = [content, *content["continued"]][-1]
+    return provenance.changes(before, provenance.of(read_config(out)))
+
+
+def _new_agent(config: Config) -> Any:
+    try:
+        return make_agent(config)
+    except MemoryError as e:
+        raise UsageError(
+            f"the agent does not fit into memory ({e}); choose a smaller capacity or hidden"
+        ) from e
+
+
+def _check_settings(config: Config, out: Path) -> None:
+    """The run in the folder has these settings; those that it does not know have their defaults."""
+    before, now = (each.resolved().to_dict() for each in (read_config(out), config))
+    other = [f"{name}={short(before[name])}" for name in now if before[name] != now[name]]
+    if other:
+        raise UsageError(
+            f"the run in {out} has other settings ({', '.join(other)}); leave them out to resume"
+            " it, or choose another --out"
+        )
+
+
+def _check_empty(out: Path) -> None:
+    """What a crash left half-written does not count."""
     if any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(
             f"{out} is not empty; choose another --out, or continue the run in it with --resume"
         )
-    versions = {
-        "gbdqn_ref": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "gymnasium": gymnasium.__version__,
-        "mujoco": version(
-            "mujoco"
-        ),  # not imported for its version: it takes as long as all else together
-    }
-    write_json(out / "config.json", {"config": config.to_dict(), "versions": versions})
 
 
-def read_config(out):
-    """The Config of the run in a folder."""
+def _check_summary(config: Config, summary: dict[str, Any], out: Path) -> None:
+    """config.json and summary.json are of one run."""
+    meant: dict[str, Any] = {key: getattr(config, key) for key in RUN}
+    meant["regimes"] = list(range(len(config.regimes)))
+    told = {key: summary[key] for key in RUN}
+    told["regimes"] = [row["regime"] for row in summary["regimes"]]
+    if told != meant:
+        raise UsageError(
+            f"{out} is damaged: config.json describes {meant}, summary.json {told}; restore them"
+        )
+
+
+def _write_config(config: Config, out: Path) -> None:
+    own = {key: getattr(config.resolved(), key) for key in OWN | AGENTS[config.agent].own}
+    content = {"config": config.to_dict(), "own": own} | provenance.of(config)
+    write_json(out / "config.json", content)
+
+
+def _record_change(config: Config, first: int, out: Path) -> None:
+    """config.json says from which episode on which versions made the run."""
+    content = _read_config_file(out)
+    entry = {"episode": first} | provenance.of(config)
+    write_json(out / "config.json", content | {"continued": [*content["continued"], entry]})
+
+
+def _cut(path: Path, episodes: int) -> None:
+    """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []  # the whole ones
+    kept = lines[: episodes + 1] if episodes else [HEADER]
+    if len(_parse(path, kept)) < episodes:
+        raise UsageError(
+            f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen;"
+            " restore it, or delete checkpoint.npz to start anew"
+        )
+    write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
+
+
+# --- reading --------------------------------------------------------------------------------------
+
+
+def _read_config_file(out: Path | str) -> dict[str, Any]:
+    """config.json, with nothing on record where an older run has nothing."""
     path = Path(out) / "config.json"
     if not path.exists():
         raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
-    values = read_json(path, "config")["config"]
-    try:
-        return Config.from_dict(values)
-    except (UsageError, TypeError) as e:
-        raise UsageError(
-            f"{path} is damaged ({e}); restore it or start a new run in another folder"
-        ) from e
+    content = UNRECORDED | read_json(path, config=RUN)
+    with undamaged(path):
+        check_shape(content, CONFIG_FILE, "it")
+    return content
 
 
-def read_agent(out):
+def read_config(out: Path | str) -> Config:
+    """The Config of the run in a folder.
+
+    A setting that is the agent's own is None, unless the agent has another one today.
+    """
+    content = _read_config_file(out)
+    with undamaged(Path(out) / "config.json"):
+        given = Config.from_dict(content["config"])
+        made = Config.from_dict(content["config"] | content["own"])
+    return given if given.resolved() == made.resolved() else made
+
+
+def read_agent(out: Path | str) -> tuple[Config, Any]:
     """(Config, agent) of the run in a folder, as its last checkpoint has it."""
-    config = read_config(out)
-    agent = make_agent(config)
-    if not (Path(out) / "checkpoint.npz").exists():
+    config, path = read_config(out), Path(out) / "checkpoint.npz"
+    agent = _new_agent(config)
+    if not path.exists():
         raise UsageError(
             f"the run in {out} has no checkpoint.npz yet; let it go on with train --resume"
         )
-    checkpoint.load(Path(out) / "checkpoint.npz", agent)
+    checkpoint.load(path, agent)
     return config, agent
 
 
-def read_summary(out):
+def read_summary(out: Path | str) -> dict[str, Any]:
     """summary.json as a dict."""
-    return read_json(Path(out) / "summary.json", "regimes", "final_return", "random_return")
+    path = Path(out) / "summary.json"
+    summary = read_json(path, **SUMMARY)
+    with undamaged(path):  # only a replay with recency has a share of it
+        check_shape(summary.get("recency_share_of_replay", 0), NUMBER, "its recency share")
+    return summary
 
 
-def read_episodes(out):
+def read_episodes(out: Path | str) -> list[Record]:
     """The records of episodes.csv, as train.run() yields them."""
     path = Path(out) / "episodes.csv"
     return _parse(path, path.read_bytes().splitlines())
 
 
-def _parse(path, lines):
+def _parse(path: Path, lines: Sequence[bytes]) -> list[Record]:
     """Records from the lines of an episodes.csv; UsageError names the line that is not as it should
     be.
     """
     if not lines or lines[0] != HEADER:
         raise UsageError(f"{path} is damaged: its first line should read {HEADER.decode()}")
-    records = []
+    records: list[Record] = []
     for k, line in enumerate(lines[1:]):
         try:
             values = line.decode().split(",")
@@ -213,16 +353,3 @@ def _parse(path, lines):
                 f"{path} is damaged in line {k + 2} ({e}); restore it or start a new run"
             ) from e
     return records
-
-
-def _cut(path, episodes):
-    """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
-    lines = (
-        path.read_bytes().split(b"\n")[:-1] if path.exists() else []
-    )  # but for what follows the last line's end
-    kept = lines[: episodes + 1] if episodes else [HEADER]
-    if len(_parse(path, kept)) < episodes:
-        raise UsageError(
-            f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen"
-        )
-    write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))

@@ -9,23 +9,27 @@ random): 0 is the random policy, 1 the mean of the 20 episodes before the drift.
 raw return would change sign where returns are negative.) Averages of nothing are refused.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import UsageError
 
+Rows = Sequence[Mapping[str, Any]]  # the records of a run, or the summaries of some runs
 EDGE = 20  # episodes at a regime's start, and before it
 WINDOW = 10  # episodes of the trailing mean that shows a recovery
 RECOVERED = 0.9  # the level at which a regime counts as recovered
 
 
-def final_return(returns, last=50):
+def final_return(returns: ArrayLike, last: int = 50) -> float:
     """Mean return of the last 50 episodes; the paper does not define its "Final Return" (D12)."""
     return float(np.mean(_some(returns)[-last:]))
 
 
-def trailing_mean(x, window):
+def trailing_mean(x: np.ndarray, window: int) -> np.ndarray:
     """Mean of each element and the window − 1 before it: (n,) → (n − window + 1,).
 
     It is empty if x is shorter than the window.
@@ -38,25 +42,25 @@ def trailing_mean(x, window):
     return np.lib.stride_tricks.sliding_window_view(x, window).mean(-1)
 
 
-def recovery(levels):
+def recovery(levels: ArrayLike) -> int | None:
     """Episodes until the mean of the last 10 levels first reaches 0.9; None if it never does."""
     reached = np.flatnonzero(trailing_mean(np.asarray(levels), WINDOW) >= RECOVERED)
     return int(reached[0]) + WINDOW if len(reached) else None
 
 
-def standard_error(x):
+def standard_error(x: ArrayLike) -> float:
     """Standard error of the mean, s/√n, with n − 1 in s; infinite for a single value."""
     x = _some(x)
     return float(np.std(x, ddof=1) / np.sqrt(len(x))) if len(x) > 1 else inf
 
 
-def gain(returns, random_return):
+def gain(returns: ArrayLike, random_return: float) -> float | None:
     """Mean return minus the random policy's; None unless it exceeds two standard errors."""
     span = float(np.mean(_some(returns))) - random_return
     return span if span > 2 * standard_error(returns) else None
 
 
-def regime_table(records, random_return):
+def regime_table(records: Rows, random_return: float) -> list[dict[str, Any]]:
     """One dict per regime: its first episode, length, event and mean return; drop, recovery, area.
 
     drop = 1 − mean level of the first 20 episodes, area = mean level of all of them. All three are
@@ -87,7 +91,7 @@ def regime_table(records, random_return):
     return table
 
 
-def iqm(x, axis=-1):
+def iqm(x: ArrayLike, axis: int = -1) -> Any:
     """Interquartile mean: the mean of the middle half of the sorted values.
 
     2 ∫ F⁻¹(u) du from ¼ to ¾, where F⁻¹ is a step function. Of 5 values each fills a fifth: the
@@ -103,7 +107,13 @@ def iqm(x, axis=-1):
     return np.tensordot(x, weight, (axis, 0))[()]
 
 
-def bootstrap_interval(x, rng, statistic=iqm, level=0.95, resamples=2000):
+def bootstrap_interval(
+    x: ArrayLike,
+    rng: np.random.Generator,
+    statistic: Callable[..., Any] = iqm,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> tuple[float, float]:
     """(low, high): percentiles of the statistic over resampled runs.
 
     x is (runs,) or (environments, runs). Stratified: runs are drawn with replacement within each
@@ -120,7 +130,9 @@ def bootstrap_interval(x, rng, statistic=iqm, level=0.95, resamples=2000):
     return float(low), float(high)
 
 
-def paired_difference(x, y, rng, **options):
+def paired_difference(
+    x: ArrayLike, y: ArrayLike, rng: np.random.Generator, **options: Any
+) -> tuple[float, float, float]:
     """(IQM of x − y, low, high) of two methods' results on the same seeds, (runs,) each."""
     x, y = np.asarray(x), np.asarray(y)
     if x.shape != y.shape or x.ndim != 1:
@@ -128,7 +140,17 @@ def paired_difference(x, y, rng, **options):
     return (float(iqm(x - y)), *bootstrap_interval(x - y, rng, **options))
 
 
-def mean_std(x):
+def same_seeds(runs: Rows, others: Rows) -> tuple[np.ndarray, np.ndarray]:
+    """The final returns of two agents' summaries, paired by seed: two arrays (seeds,).
+
+    Seeds that only one of them has are left out.
+    """
+    ours, theirs = ({run["seed"]: run["final_return"] for run in each} for each in (runs, others))
+    seeds = sorted(ours.keys() & theirs.keys())
+    return np.array([ours[seed] for seed in seeds]), np.array([theirs[seed] for seed in seeds])
+
+
+def mean_std(x: ArrayLike) -> tuple[float, float | None]:
     """(mean, std) over runs, as in the paper's tables; the std has n − 1, and is None for one run.
 
     The paper leaves open whether its ± is over runs or episodes.
@@ -137,12 +159,12 @@ def mean_std(x):
     return float(np.mean(x)), float(np.std(x, ddof=1)) if len(x) > 1 else None
 
 
-def median_recovery(recoveries):
+def median_recovery(recoveries: Sequence[float | None]) -> float | None:
     """Median recovery time, never (None) counting as infinite; None if the median is infinite."""
     return _median([inf if time is None else time for time in recoveries])
 
 
-def regime_medians(rows):
+def regime_medians(rows: Rows) -> dict[str, Any]:
     """Medians of recovery and area over the runs of one regime, and how many runs are left out.
 
     `rows` are one regime's rows of regime_table, one per run. Runs with nothing to lose are left
@@ -160,7 +182,7 @@ def regime_medians(rows):
     }
 
 
-def forgetting(returns):
+def forgetting(returns: ArrayLike) -> list[float]:
     """What is lost of each regime but the last: its best evaluation minus the final one.
 
     `returns` (R, R) are the evaluations after regime k, in regime j. Only those after regime j was
@@ -170,13 +192,13 @@ def forgetting(returns):
     return [float(returns[j:, j].max() - returns[-1, j]) for j in range(len(returns) - 1)]
 
 
-def _median(x):
+def _median(x: Sequence[float | None]) -> float | None:
     """The median of numbers of which some may be infinite; None if it is infinite."""
     median = float(np.median(_some(x)))
     return median if median < inf else None
 
 
-def _some(x):
+def _some(x: Any) -> np.ndarray:
     """x as an array; UsageError if it is empty."""
     x = np.asarray(x)
     if not x.size:
@@ -184,7 +206,9 @@ def _some(x):
     return x
 
 
-def match_alarms(alarms, drifts, within=10):
+def match_alarms(
+    alarms: Sequence[int], drifts: Sequence[int], within: int = 10
+) -> tuple[list[int], int, int]:
     """(delays, misses, false alarms) of a detector's alarms, both lists of episodes in order.
 
     A drift is found by the first alarm in its first `within` episodes, with a delay of 1 if that is
@@ -198,7 +222,13 @@ def match_alarms(alarms, drifts, within=10):
     return delays, len(drifts) - len(delays), len(alarms) - len(delays)
 
 
-def sign_flip_test(differences, rng, margin=0.0, statistic=iqm, flips=10_000):
+def sign_flip_test(
+    differences: ArrayLike,
+    rng: np.random.Generator,
+    margin: float = 0.0,
+    statistic: Callable[..., Any] = iqm,
+    flips: int = 10_000,
+) -> float:
     """p of "the paired differences (n,) lie above the margin", one-sided, by random sign flips.
 
     p = (1 + #{statistic of flipped ≥ statistic}) / (1 + flips). Exact where the differences are
@@ -213,7 +243,7 @@ def sign_flip_test(differences, rng, margin=0.0, statistic=iqm, flips=10_000):
     return float((1 + exceeds.sum()) / (1 + flips))
 
 
-def holm(p):
+def holm(p: Sequence[float]) -> list[float]:
     """Holm's adjusted p values, in the order given: step down, the smallest times n first.
 
     >>> [round(each, 3) for each in holm([0.01, 0.04, 0.03])]

@@ -1,110 +1,135 @@
-"""What the command line prints. Nothing here computes more than it shows."""
+"""What the command line prints, as tables of text. Nothing here computes more than it shows."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from . import stats
 from .agents import AGENTS
-from .effect import HURTS
+from .config import Config
 from .schedule import LABELS, describe
+from .stats import Rows
 
+HURTS = 0.2  # a drift matters if it costs this share of the gain from random to trained
 RANDOM = "random policy, stock physics"
 
 
-def regimes(summaries, config):
-    """Per regime and agent the mean return, the drop and the recovery; then the final return."""
-    names = [AGENTS[agent].label for agent in summaries]
-    print(f"\n{LABELS[config.env]}, seed {config.seed}: mean return, drop and recovery per regime")
-    tables = [summary["regimes"] for summary in summaries.values()]
-    labels = [_label(row, config) for row in tables[0]]
-    width = max(len(label) for label in (*labels, RANDOM)) + 1
-    print(
-        f"\n{'regime':{width}}"
-        + "".join(f"{name:>14}{'drop':>7}{'recovery':>10}" for name in names)
-    )
-    for label, *rows in zip(labels, *tables, strict=True):
-        cells = [f"{row['mean_return']:14.1f}{_drop(row):>7}{_recovery(row):>10}" for row in rows]
-        print(f"{label:{width}}" + "".join(cells))
-    final = "".join(f"{summary['final_return']:14.1f}{'':17}" for summary in summaries.values())
-    print(f"{'final (last 50 episodes)':{width}}{final.rstrip()}")
-    level = next(iter(summaries.values()))["random_return"]
-    print(f"{RANDOM:{width}}{level:14.1f}")
-    for agent, summary in summaries.items():
-        if "recency_share_of_replay" in summary:
-            print(
-                f"\n{AGENTS[agent].label} ended with "
-                f"{summary['recency_share_of_replay']:.0%} of its samples by recency"
-            )
-    print(
-        "\ndrop: part of the level before the drift lost in the first 20 episodes after it (random"
-        " policy = 0)"
-    )
-    print(
-        "recovery: episodes until a mean of 10 is back at 90 % of that level; never: not within the"
-        " regime"
-    )
+class Table(NamedTuple):
+    """A title, the names of the columns, rows of as many cells, and the notes below them."""
+
+    title: str
+    columns: list[str]
+    rows: list[list[str]]
+    notes: list[str]
 
 
-def study(summaries, config):
-    """Per agent the mean return in each regime; of the final return mean ± std, IQM, and the
-    difference to DQN.
-    """
-    count = len(next(iter(summaries.values())))
-    final = {
-        agent: np.array([row["final_return"] for row in rows]) for agent, rows in summaries.items()
-    }
-    print(f"\n{LABELS[config.env]}, {count} runs each: mean return per regime; final return")
-    for row in next(iter(summaries.values()))[0]["regimes"]:
-        print(f"  {_label(row, config)}")
-    print(f"\n{'':14}{'regimes':35}{'mean ± std':>20}{'IQM':>9}   minus DQN's [95 %]")
-    for agent, rows in summaries.items():
-        means = np.mean(
-            [[regime["mean_return"] for regime in row["regimes"]] for row in rows], axis=0
+def show(table: Table) -> None:
+    """Print a table, its first column to the left and the others to the right."""
+    widths = [max(map(len, cells)) for cells in zip(table.columns, *table.rows, strict=True)]
+    print(f"\n{table.title}\n")
+    for first, *others in (table.columns, *table.rows):
+        numbers = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+        print("  ".join([first.ljust(widths[0]), *numbers]).rstrip())
+    print("", *table.notes, sep="\n")
+
+
+def regimes(summaries: Mapping[str, Mapping[str, Any]], config: Config) -> Table:
+    """Mean return, drop and recovery per regime, of one run of each agent, {agent: summary}."""
+    columns, runs = ["regime"], list(summaries.values())
+    for agent in summaries:
+        columns += [AGENTS[agent].label, "drop", "recovery"]
+    rows = []
+    for k, regime in enumerate(config.regimes):
+        cells = [cell for run in runs for cell in _adaptation(run["regimes"][k])]
+        rows.append([f"{k}  {describe(regime.factors)}", *cells])
+    final = [cell for run in runs for cell in (_number(run["final_return"]), "", "")]
+    rows.append(["final (last 50 episodes)", *final])
+    rows.append([RANDOM, _number(runs[0]["random_return"]), *[""] * (len(final) - 1)])
+    shares = [
+        f"{AGENTS[agent].label} ended with {run['recency_share_of_replay']:.0%} of its samples"
+        " drawn by recency"
+        for agent, run in summaries.items()
+        if "recency_share_of_replay" in run
+    ]
+    title = f"{LABELS[config.env]}, seed {config.seed}: mean return, drop and recovery per regime"
+    notes = [
+        f"drop: share of the earlier level lost in the first {stats.EDGE} episodes after the drift"
+        " (0 = random policy)",
+        f"recovery: episodes until a mean of {stats.WINDOW} is back at {stats.RECOVERED:.0%} of"
+        " that level; never: not within the regime",
+        "–: there is no earlier level, or it was no better than the random policy's",
+    ]
+    return Table(title, columns, rows, [*shares, *notes])
+
+
+def study(summaries: Mapping[str, Rows], config: Config) -> Table:
+    """Mean return per regime, final return and its difference to DQN's, {agent: [summary]}."""
+    columns = ["agent", *(str(k) for k in range(len(config.regimes))), "mean ± std", "IQM"]
+    rows = [[AGENTS[agent].label, *_returns(runs)] for agent, runs in summaries.items()]
+    notes = [f"{k}: {describe(regime.factors)}" for k, regime in enumerate(config.regimes)]
+    notes.append("mean ± std, IQM (interquartile mean): of the final returns")
+    if "dqn" in summaries and len(summaries) > 1:
+        columns.append("minus DQN's [95 %]")
+        for row, (agent, runs) in zip(rows, summaries.items(), strict=True):
+            row.append("" if agent == "dqn" else _difference(runs, summaries["dqn"]))
+        notes.append(
+            "minus DQN's: IQM of the differences on the same seeds, and its bootstrap interval"
+            " (too narrow with few seeds)"
         )
-        cells = "".join(f"{mean:8.1f}" for mean in means)
-        mean, std = stats.mean_std(final[agent])
-        line = (
-            f"{AGENTS[agent].label:14}{cells:44}{mean:8.1f} ±"
-            f" {std or 0:5.1f}{stats.iqm(final[agent]):9.1f}"
-        )
-        if "dqn" in final and agent != "dqn":
-            paired = stats.paired_difference(final[agent], final["dqn"], np.random.default_rng(0))
-            line += "   {:+.1f} [{:+.1f}, {:+.1f}]".format(*paired)
-        print(line)
-    print(
-        "\nIQM: interquartile mean; minus DQN's: IQM over paired seeds, bootstrap interval (too"
-        " narrow at 5 runs)"
-    )
+    seeds = sorted({run["seed"] for runs in summaries.values() for run in runs})
+    count = f"{len(seeds)} seeds" if len(seeds) > 1 else f"seed {seeds[0]}"
+    title = f"{LABELS[config.env]}, {count}: mean return per regime, and final return"
+    return Table(title, columns, rows, notes)
 
 
-def drift_effect(rows, config):
-    """What effect.drift_effect() found, a line per regime."""
-    width = max(len(row["regime"]) for row in rows) + 1
-    print(f"\n{LABELS[config.env]}: mean greedy return, {config.agent}, seed {config.seed}\n")
-    print(f"{'regime':{width}}{'random':>9}{'frozen':>9}{'trained':>9}{'lost':>8}")
-    for row in rows:
-        lost = "–" if row["lost"] is None else f"{row['lost']:.0%}"
-        print(
-            f"{row['regime']:{width}}{row['random']:9.1f}{row['frozen']:9.1f}{row['trained']:9.1f}{lost:>8}"
-        )
+def drift_effect(rows: Rows, config: Config) -> Table:
+    """What effect.drift_effect() found, one row per regime."""
+    columns = ["regime", "random", "frozen", "trained", "lost"]
+    cells = [
+        [row["regime"], *(_number(row[key]) for key in columns[1:4]), _share(row["lost"])]
+        for row in rows
+    ]
     hurt = sum(row["lost"] is not None and row["lost"] >= HURTS for row in rows[1:])
-    print(
-        "\nfrozen: trained in the stock physics, without learning; trained: in this regime from the"
-        " start"
-    )
-    print(
-        "lost: part of the span from random to trained that frozen falls short of; –: trained"
-        " learnt nothing there"
-    )
-    print(f"{hurt} of {len(rows) - 1} drifts cost at least a fifth of the span")
+    notes = [
+        "frozen: trained in the stock physics, then no longer learning; trained: in this regime"
+        " from the start",
+        "lost: share of the gain from random to trained that frozen misses; –: trained is no"
+        " better than random",
+        f"{hurt} of {len(rows) - 1} drifts cost at least {HURTS:.0%} of the gain",
+    ]
+    learner = f"{AGENTS[config.agent].label}, seed {config.seed}"
+    title = f"{LABELS[config.env]}, {learner}: mean greedy return in each regime"
+    return Table(title, columns, cells, notes)
 
 
-def _label(row, config):
-    return f"{row['regime']}  {describe(config.regimes[row['regime']].factors)}"
+def _adaptation(row: Mapping[str, Any]) -> list[str]:
+    """The mean return, drop and recovery of one regime."""
+    undefined = row["drop"] is None
+    recovery = "–" if undefined else str(row["recovery"] or "never")
+    return [_number(row["mean_return"]), _share(row["drop"]), recovery]
 
 
-def _drop(row):
-    return "–" if row["drop"] is None else f"{row['drop']:.0%}"
+def _returns(runs: Rows) -> list[str]:
+    """The mean return in each regime, then mean ± std and IQM of the final returns."""
+    final = [run["final_return"] for run in runs]
+    returns = [[row["mean_return"] for row in run["regimes"]] for run in runs]
+    mean, std = stats.mean_std(final)
+    spread = "–" if std is None else _number(std)
+    means = [_number(mean) for mean in np.mean(returns, axis=0)]
+    return [*means, f"{_number(mean)} ± {spread:>5}", _number(stats.iqm(final))]
 
 
-def _recovery(row):
-    return "–" if row["drop"] is None else str(row["recovery"] or "never")
+def _difference(runs: Rows, others: Rows) -> str:
+    """IQM of the paired differences in final return, with its interval if there are several."""
+    pairs = stats.same_seeds(runs, others)
+    middle, low, high = stats.paired_difference(*pairs, np.random.default_rng(0))
+    return f"{middle:+z.1f}" + (f" [{low:+z.1f}, {high:+z.1f}]" if len(pairs[0]) > 1 else "")
+
+
+def _number(value: float) -> str:
+    return f"{value:z.1f}"
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{value:z.0%}"

@@ -1,60 +1,121 @@
-"""Looking at a trained agent: its greedy episodes before and after a drift, and what a booster
-changed on a plane.
-"""
+"""Looking at a trained agent: it is filmed before and after a drift, and mapped on a plane."""
 
 import os
 import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
 from . import UsageError, drift, plots, runs
-from .files import write_atomically
+from .files import check_picture, write_atomically
 from .schedule import describe
 from .train import episode_seed
 
-WIDTH, CAPTION, FRAMES = 320, 40, 150  # pixels, pixels, the most that a film has
-FONT = ImageFont.truetype(
-    findfont("DejaVu Sans"), 13
-)  # Matplotlib brings it, and Pillow's own has no ×
+WIDTH, CAPTION, MARGIN = 320, 40, (6, 3)  # pixels: of one episode, above it, around its caption
+FRAMES, LAST, SHORTEST = 150, 10, 20  # frames at most, repeats of the last one, ms of a frame
+FONT = ImageFont.truetype(plots.FONT, 13)  # Pillow's own has no ×
 
 
-def film(out, path, regime=1, seed=0):
-    """One greedy episode of the run in `out` in the physics before this drift and one in those
-    after it, as a GIF.
+class Episode(NamedTuple):
+    """A filmed episode: its pictures, the return so far at each, and how long a step takes in s."""
 
-    Side by side, from the same start, without learning, as the agent is at the end of its run.
-    Returns the two returns.
+    title: str
+    pictures: list[Image.Image]
+    returns: list[float]
+    pace: float
+
+    def caption(self, step: int) -> str:
+        """What is said above the picture of this step."""
+        return f"{self.title}\nstep {step}, return {self.returns[step]:z.0f}"
+
+
+def film(run: Path | str, regime: int = 1, seed: int = 0) -> list[Episode]:
+    """Two greedy episodes of the run in a folder, in the physics before and after a drift.
+
+    Both have the same start and the agent of the end of the run; nothing is learnt.
     """
-    config = runs.read_config(out)
-    regimes = [each.factors for each in config.regimes]
-    if not 1 <= regime < len(regimes):
-        had = f"it has 1 to {len(regimes) - 1}" if len(regimes) > 1 else "its physics never change"
-        raise UsageError(f"there is no drift {regime} in the run in {out}; {had}")
-    shown = {"before": regimes[regime - 1], "after": regimes[regime]}
-    envs = [
-        _drawn(config.env, factors) for factors in shown.values()
-    ]  # first: MuJoCo is told once where to draw
-    _, agent = runs.read_agent(out)
-    films = [
-        (f"{when}: {describe(factors)}", *_episode(agent, env, episode_seed(seed, 0)))
-        for (when, factors), env in zip(shown.items(), envs, strict=True)
+    config = runs.read_config(run)
+    drifts = len(config.regimes) - 1
+    if not 1 <= regime <= drifts:
+        had = f"it has {_range(1, drifts)}" if drifts else "its physics never change"
+        raise UsageError(f"there is no drift {regime} in the run in {run}; {had}")
+    shown = config.regimes[regime - 1 : regime + 1]
+    envs = [_drawn(config.env, each.factors) for each in shown]  # before MuJoCo is imported
+    _, agent = runs.read_agent(run)
+    titles = [
+        f"{when}: {describe(each.factors)}"
+        for when, each in zip(("before", "after"), shown, strict=True)
     ]
-    length = max(len(pictures) for _, pictures, _ in films)
+    start = episode_seed(seed, 0)
+    return [episode(agent, env, start, title) for env, title in zip(envs, titles, strict=True)]
+
+
+def episode(agent: Any, env: drift.DriftWrapper, seed: int, title: str) -> Episode:
+    """One greedy episode, filmed."""
+    s, _ = env.reset(seed=seed, options={"episode": 0})
+    pictures, returns, ends = [_picture(env)], [0.0], False
+    while not ends:
+        s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
+        ends = terminated or truncated
+        pictures.append(_picture(env))
+        returns.append(returns[-1] + float(r))
+    env.close()
+    return Episode(title, pictures, returns, 1 / env.metadata["render_fps"])
+
+
+def frames(episodes: Sequence[Episode]) -> tuple[list[Image.Image], int]:
+    """The frames of a film that shows episodes side by side, and how long each lasts, in ms.
+
+    Steps are left out evenly where there are too many. An episode that is over stands still.
+    """
+    length = max(len(each.pictures) for each in episodes)
     every = -(-length // FRAMES)
-    frames = [_side_by_side(films, step) for step in [*range(0, length, every), *[length - 1] * 10]]
-    duration = max(
-        20, 1000 * every // envs[0].metadata["render_fps"]
-    )  # in ms; a viewer shows no frame for less than 20
-    options = dict(format="GIF", save_all=True, append_images=frames[1:], duration=duration, loop=0)
-    write_atomically(path, lambda file: frames[0].save(file, **options))
-    return [float(returns[-1]) for _, _, returns in films]
+    steps = [*range(0, length, every), *[length - 1] * LAST]
+    duration = max(SHORTEST, round(1000 * every * episodes[0].pace))
+    return [_side_by_side(episodes, step) for step in steps], duration
 
 
-def _drawn(name, factors):
-    """The environment with these physics, drawing in memory: without being told, pygame and MuJoCo
-    want a screen.
+def save(episodes: Sequence[Episode], path: Path | str) -> None:
+    """Write the film of some episodes as a GIF, atomically; its folder is made."""
+    check_picture(path, ".gif")
+    (first, *others), duration = frames(episodes)
+    options: dict[str, Any] = dict(save_all=True, append_images=others, duration=duration, loop=0)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, lambda file: first.save(file, format="GIF", **options))
+
+
+def plane(n: int = 61) -> np.ndarray:
+    """MountainCar's states as a grid (n, n, 2): velocity rises along axis 0, position along 1."""
+    position, velocity = np.meshgrid(np.linspace(-1.2, 0.6, n), np.linspace(-0.07, 0.07, n))
+    return np.stack([position, velocity], axis=-1).astype(np.float32)
+
+
+def maps(run: Path | str, booster: int | None = None) -> plots.Figure:
+    """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane; booster m is the last one by default."""
+    config, agent = runs.read_agent(run)
+    if config.env != "mountaincar" or not hasattr(agent, "staged_q"):
+        raise UsageError(
+            f"maps show GB-DQN on MountainCar, whose state is a plane; {run} has another run"
+        )
+    stages = agent.staged_q(plane())
+    m = len(stages) if booster is None else booster
+    if not 2 <= m <= len(stages):
+        had = _range(2, len(stages)) if len(stages) > 1 else "only the first, before any drift"
+        raise UsageError(f"there is no booster {m} to map in the run in {run}; it has {had}")
+    return plots.value_maps(stages[m - 2], stages[m - 1], m)
+
+
+def _range(first: int, last: int) -> str:
+    return f"{first} to {last}" if first < last else f"only {first}"
+
+
+def _drawn(name: str, factors: dict[str, float]) -> drift.DriftWrapper:
+    """The environment with these physics, drawing in memory.
+
+    Unless they are told, pygame and MuJoCo want a screen; MuJoCo is told when it is imported.
     """
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     if sys.platform == "linux":
@@ -72,57 +133,18 @@ def _drawn(name, factors):
     return env
 
 
-def _episode(agent, env, seed):
-    """(pictures, return so far at each) of one greedy episode."""
-    s, _ = env.reset(seed=seed, options={"episode": 0})
-    pictures, returns, ends = [_picture(env)], [0.0], False
-    while not ends:
-        s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
-        ends = terminated or truncated
-        pictures.append(_picture(env))
-        returns.append(returns[-1] + float(r))
-    env.close()
-    return pictures, returns
-
-
-def _picture(env):
-    picture = Image.fromarray(env.render())
+def _picture(env: drift.DriftWrapper) -> Image.Image:
+    picture = Image.fromarray(np.asarray(env.render()))
     return picture.resize((WIDTH, WIDTH * picture.height // picture.width))
 
 
-def _side_by_side(films, step):
-    """One frame: what each film shows at this step, or at its end, below its title and the return
-    so far.
-    """
-    frame = Image.new("RGB", (WIDTH * len(films), films[0][1][0].height + CAPTION), "white")
-    for k, (title, pictures, returns) in enumerate(films):
-        at = min(step, len(pictures) - 1)
-        frame.paste(pictures[at], (WIDTH * k, CAPTION))
-        caption = f"{title}\nstep {at}, return {returns[at]:.0f}"
-        ImageDraw.Draw(frame).text((WIDTH * k + 6, 3), caption, "black", FONT)
+def _side_by_side(episodes: Sequence[Episode], step: int) -> Image.Image:
+    """One frame: each episode at this step, or at its end, below its caption."""
+    height = episodes[0].pictures[0].height + CAPTION
+    frame = Image.new("RGB", (WIDTH * len(episodes), height), "white")
+    for k, shown in enumerate(episodes):
+        at, left = min(step, len(shown.pictures) - 1), WIDTH * k
+        frame.paste(shown.pictures[at], (left, CAPTION))
+        corner = (left + MARGIN[0], MARGIN[1])
+        ImageDraw.Draw(frame).text(corner, shown.caption(at), "black", FONT)
     return frame
-
-
-def plane(n=61):
-    """MountainCar's states as a grid (n, n, 2): velocity grows along the first axis, position along
-    the second.
-    """
-    position, velocity = np.meshgrid(np.linspace(-1.2, 0.6, n), np.linspace(-0.07, 0.07, n))
-    return np.stack([position, velocity], axis=-1).astype(np.float32)
-
-
-def maps(out, path, booster=None):
-    """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane, with the greedy actions; by default of the
-    last booster m.
-    """
-    config, agent = runs.read_agent(out)
-    if config.env != "mountaincar" or not hasattr(agent, "staged_q"):
-        raise UsageError(
-            f"maps are of GB-DQN on MountainCar, whose state is a plane; {out} has another run"
-        )
-    stages = agent.staged_q(plane())
-    m = len(stages) if booster is None else booster
-    if not 2 <= m <= len(stages):
-        had = f"2 to {len(stages)}" if len(stages) > 1 else "one that follows no drift"
-        raise UsageError(f"there is no booster {m} in the run in {out}; it has {had}")
-    plots.save(plots.value_maps(stages[m - 2], stages[m - 1], m), path)

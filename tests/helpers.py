@@ -1,16 +1,18 @@
 """The vocabulary of the tests: small runs and agents, their state, folders, the command line."""
 
 import copy
+import itertools
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 import gbdqn_ref
-from gbdqn_ref import checkpoint
+from gbdqn_ref import checkpoint, runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.train import Config, make_agent
 
@@ -99,6 +101,13 @@ def finite_differences(f, x, step):
 
 
 # --- folders --------------------------------------------------------------------------------------
+
+
+def checkpoints_every(episodes, monkeypatch):
+    """Let a checkpoint be due every so many episodes, by a clock that ticks when it is read."""
+    clock = itertools.count()
+    monkeypatch.setattr(runs, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", episodes - 1)
 
 
 def contents(folder):

@@ -5,12 +5,14 @@ as it was.
 import json
 import os
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers import SMALL, Crash, drifts_at, exact_state
 
 from gbdqn_ref import UsageError, checkpoint, files
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.train import Config, make_agent, run
 
 DRIFTING = SMALL | dict(episodes=10, schedule=drifts_at(3, 5, 8))
@@ -77,6 +79,22 @@ def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, conf
         assert exact_state(again) == state
         assert [repr(record) for record in run(config, again, episodes)] == records[episodes:]
         assert exact_state(again) == exact_state(original)
+
+
+@every_config
+def test_a_run_that_was_over_and_is_given_more_episodes_is_one_that_never_stopped(tmp_path, config):
+    """finish() answers with a copy where it changes anything, so that training can go on."""
+    straight, stopped = make_agent(config), make_agent(config)
+    records = [repr(record) for record in run(config, straight)]
+    list(run(replace(config, episodes=6), stopped))
+    checkpoint.save(tmp_path / "stopped", stopped, 6)
+    again = make_agent(config)
+    for agent in (stopped, again):
+        if agent is again:
+            checkpoint.load(tmp_path / "stopped", again)
+        assert [repr(record) for record in run(config, agent, 6)] == records[6:]
+        assert exact_state(agent) == exact_state(straight)
+    assert exact_state(again.finish()) == exact_state(straight.finish())
 
 
 @every_config
@@ -231,6 +249,56 @@ def test_the_checkpoint_of_another_run_is_refused(saved, other):
     )
 
 
+def test_the_checkpoint_of_another_class_is_refused(saved, monkeypatch):
+    """A class that shares all attributes with the one that wrote it is still another algorithm."""
+    path, agent = saved
+    other = type("Other", (type(agent),), {})
+    monkeypatch.setitem(AGENTS, "gbdqn", AGENTS["gbdqn"]._replace(make=other))
+    assert_not_loaded(path, match="other settings")
+
+
+def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
+    path, agent = saved
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = json.loads(arrays.pop("header").item())
+    del header["agent"]
+    np.savez(path, header=np.array(json.dumps(header)), **arrays)
+    again = make_agent(CONFIGS[2])
+    assert checkpoint.load(path, again) == 6
+    assert exact_state(again) == exact_state(agent)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        {"episodes": "6"},
+        {"episodes": 6.0},
+        {"episodes": None},
+        {"episodes": -1},
+        {"episodes": 11},
+        {"format": "1"},
+        {"config": None},
+        {"config": []},
+        {"config": {"hidden": {}}},
+    ],
+    ids=repr,
+)
+def test_a_header_that_cannot_be_is_refused(saved, header):
+    rewritten(saved[0], header)
+    assert_not_loaded(saved[0], match="damaged or foreign")
+
+
+@pytest.mark.parametrize("text", ["many", "[]", "{}", '{"bit_generator": "PCG64"}', "state"])
+def test_a_generator_that_cannot_be_is_refused(saved, text):
+    if text == "state":  # a number that no generator can hold
+        state = json.loads(checkpoint.state(saved[1])["rng"].item())
+        state["state"]["state"] = -1
+        text = json.dumps(state)
+    rewritten(saved[0], rng=np.array(text))
+    assert_not_loaded(saved[0], match="damaged or foreign")
+
+
 @pytest.mark.parametrize(
     ("drop", "arrays"),
     [
@@ -238,7 +306,8 @@ def test_the_checkpoint_of_another_run_is_refused(saved, other):
         (["replay.tree.levels.0"], {}),
         ([], {"new": np.zeros(1)}),
         ([], {"theta": np.zeros(3, np.float32)}),
-        ([], {"steps": np.array("many")}),
+        ([], {"theta": np.zeros(58, np.float64)}),
+        ([], {"steps": np.array(7.0)}),
         ([], {"replay.s": np.zeros((9, 4), np.float32)}),
         ([], {"ensemble.theta": np.zeros((2, 3), np.float32)}),
     ],
@@ -357,5 +426,5 @@ def test_a_checkpoint_reaches_the_disk_before_it_takes_the_old_ones_place(saved,
         original = getattr(os, name)
         monkeypatch.setattr(files.os, name, lambda *a, n=name, f=original: (order.append(n), f(*a)))
     checkpoint.save(*saved, 6)
-    assert order == ["fsync", "replace"]
+    assert order == ["fsync", "replace", "fsync"]  # the file, its place, the folder
     assert zipfile.ZipFile(saved[0]).testzip() is None

@@ -1,20 +1,16 @@
 """What a drift costs, on policies whose returns are known."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from helpers import SMALL, drifts_at, flags, refused
 
-from gbdqn_ref import effect
+from gbdqn_ref import drift, effect, runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
+from gbdqn_ref.schedule import describe
+from gbdqn_ref.train import evaluate, make_agent
 
 DRIFTING = SMALL | dict(episodes=3, learning_starts=10, schedule=drifts_at(1, 2, 3))
-
-
-def policy(returns):
-    return SimpleNamespace(returns=np.asarray(returns, float))
 
 
 @pytest.mark.parametrize(
@@ -28,45 +24,46 @@ def policy(returns):
         (100, 50, 60, None),
     ],
 )
-def test_what_is_lost_is_a_part_of_the_span(monkeypatch, random, frozen, trained, lost):
-    monkeypatch.setattr(effect, "evaluate", lambda policy, env, episodes, seed: policy.returns)
-    policies = [policy([level, level]) for level in (random, frozen, trained)]
-    row = effect._levels(None, policies, 2)
-    assert (row["random"], row["frozen"], row["trained"], row["lost"]) == (
-        random,
-        frozen,
-        trained,
-        lost,
-    )
+def test_what_is_lost_is_a_part_of_the_gain(random, frozen, trained, lost):
+    returns = [np.array([level - 0.01, level + 0.01]) for level in (random, frozen, trained)]
+    row = effect.cost(*returns)
+    assert row == {"random": random, "frozen": frozen, "trained": trained, "lost": lost}
+    assert {type(value) for value in row.values()} <= {float, type(None)}
 
 
-def test_two_standard_errors_decide_whether_a_regime_was_learnt(monkeypatch):
+def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_learnt():
     """(90, 110) has a standard error of 10, so 100 is learnt where random is below 80."""
-    monkeypatch.setattr(effect, "evaluate", lambda policy, env, episodes, seed: policy.returns)
+    frozen, trained = np.zeros(2), np.array([90.0, 110.0])
     for random, learnt in ((79, True), (81, False)):
-        row = effect._levels(None, [policy([random] * 2), policy([0, 0]), policy([90, 110])], 2)
+        row = effect.cost(np.array([random - 50.0, random + 50.0]), frozen, trained)
         assert (row["lost"] is not None) == learnt
 
 
-def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path, monkeypatch):
-    config, seen = Config.preset("cartpole", agent="dqn", **DRIFTING), []
-    levels = effect._levels
-
-    def looked_at(env, policies, episodes):
-        env.reset(seed=0)
-        seen.append(
-            (float(env.unwrapped.length), float(env.unwrapped.gravity), policies[1] is policies[2])
-        )
-        return levels(env, policies, episodes)
-
-    monkeypatch.setattr(effect, "_levels", looked_at)
+def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path):
+    """Frozen is the agent of the stock physics, everywhere; all are evaluated with the seed 0."""
+    learning = dict(episodes=8, update_every=1, gradient_steps=4, lr=0.03)
+    config = Config.preset("cartpole", agent="dqn", seed=3, **DRIFTING | learning)
     first = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
-    assert [row["regime"] for row in first] == [
-        "stock physics",
-        "length × 2",
-        "gravity × 2, length × 2",
-    ]
-    assert seen == [(0.5, 9.8, True), (1.0, 9.8, False), (1.0, 19.6, False)]
+    regimes = {
+        "stock physics": {},
+        "length × 2": {"length": 2},
+        "gravity × 2, length × 2": {"gravity": 2, "length": 2},
+    }
+    assert [row["regime"] for row in first] == list(regimes)
+    agents = {}
+    for path in tmp_path.glob("*/config.json"):
+        trained_in, agent = runs.read_agent(path.parent)
+        agents[describe(trained_in.regimes[0].factors)] = agent
+        assert (len(trained_in.regimes), trained_in.seed) == (1, 3)
+    assert set(agents) == set(regimes)
+    random = make_agent(Config(agent="random"))
+    for row, (name, factors) in zip(first, regimes.items(), strict=True):
+        env = drift.make("cartpole", [{"episode": 0, **factors}] if factors else [])
+        for key, agent in (
+            ("random", random), ("frozen", agents["stock physics"]), ("trained", agents[name])
+        ):  # fmt: skip
+            assert row[key] == evaluate(agent, env, 2, seed=0).mean(), (name, key)
+    assert any(row["frozen"] != row["trained"] for row in first)
     ages = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
     assert effect.drift_effect(config, tmp_path, episodes=2, quiet=True) == first
     assert ages == {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
@@ -82,9 +79,9 @@ def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(effect, "drift_effect", lambda *args, **options: rows)
     assert main(["drift-effect", "--env", "cartpole", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    assert "length × 2          1.0      5.0      9.0     50%" in printed
-    assert "gravity × 2         1.0      5.0      1.0       –" in printed
-    assert "1 of 2 drifts cost at least a fifth" in printed
+    assert "length × 2        1.0     5.0      9.0   50%\n" in printed
+    assert "gravity × 2       1.0     5.0      1.0     –\n" in printed
+    assert "\n1 of 2 drifts cost at least 20% of the gain\n" in printed
 
 
 def test_a_run_of_other_settings_in_the_folder_is_refused(tmp_path, capsys):

@@ -206,11 +206,52 @@ def test_the_run_of_these_tests_can_be_resumed(complete, run, capsys):
         b'{"config": []}',
         b'{"config": 5}',
         b'{"config": "dqn"}',
+        b'{"config": {}}',
+        b'{"config": {"env": "cartpole", "agent": "dqn", "seed": 0}}',
+        b'{"config": {"env": "cartpole", "agent": null, "seed": 0, "episodes": 6}}',
+        b"[" * 100_000,
     ],
+    ids=lambda content: repr(content)[:40],
 )
-def test_a_damaged_config_is_refused(run, capsys, content):
+def test_a_damaged_config_is_refused(run, complete, tmp_path, capsys, content):
+    """Also where the run is complete: it must not be read as the run of a default agent."""
     (run / "config.json").write_bytes(content)
     resume(run, capsys, "config.json")
+    (run / "summary.json").write_bytes((complete / "summary.json").read_bytes())
+    resume(run, capsys, "config.json")
+    refused(capsys, run, ["watch", str(run), "--out", str(run / "film.gif")], "config.json")
+    refused(capsys, run, ["maps", str(run), "--out", str(run / "maps.png")], "config.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("own", []),
+        ("own", {"xyzzy": 1}),
+        ("own", {"replay": 1}),
+        ("versions", "1.0"),
+        ("versions", None),
+        ("code", ["nn"]),
+        ("continued", {}),
+        ("continued", [5]),
+        ("continued", [{}]),
+        ("continued", [{"versions": {}, "code": 1}]),
+    ],
+)
+def test_a_record_of_the_wrong_shape_is_refused(run, capsys, name, value):
+    content = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(content | {name: value}))
+    resume(run, capsys, "config.json is damaged")
+
+
+@pytest.mark.parametrize("name", ["env", "agent", "seed", "episodes"])
+def test_a_config_that_is_another_runs_is_refused(complete, tmp_path, capsys, name):
+    """config.json and summary.json must be of one run."""
+    folder = Path(shutil.copytree(complete, tmp_path / "run"))
+    content = json.loads((folder / "config.json").read_text())
+    content["config"][name] = {"env": "acrobot", "agent": "gbdqn", "seed": 1, "episodes": 7}[name]
+    (folder / "config.json").write_text(json.dumps(content))
+    resume(folder, capsys, "summary.json")
 
 
 @pytest.mark.parametrize(("name", "value"), [("lr", -1), ("episodes", "many"), ("xyzzy", 1)])
@@ -281,6 +322,40 @@ def test_a_damaged_episodes_csv_is_refused(run, capsys, damage):
 def test_a_damaged_summary_is_refused(complete, tmp_path, capsys, content):
     folder = Path(shutil.copytree(complete, tmp_path / "run"))
     (folder / "summary.json").write_bytes(content)
+    resume(folder, capsys, "summary.json")
+
+
+def row(**changes):
+    """A change of the first regime's row."""
+    return lambda summary: summary | {"regimes": [summary["regimes"][0] | changes]}
+
+
+SUMMARIES = {
+    "a number for the regimes": lambda summary: summary | {"regimes": 5},
+    "a number for a regime": lambda summary: summary | {"regimes": [5]},
+    "a regime too few": lambda summary: summary | {"regimes": []},
+    "a regime too many": lambda summary: summary | {"regimes": summary["regimes"] * 2},
+    "a regime that there is not": row(regime=9),
+    "a word for a regime": row(regime="0"),
+    "a word for a mean": row(mean_return="high"),
+    "nothing for a mean": row(mean_return=None),
+    "a word for a drop": row(drop="half"),
+    "a list for a recovery": row(recovery=[3]),
+    "a word for the final return": lambda summary: summary | {"final_return": "high"},
+    "yes for the random return": lambda summary: summary | {"random_return": True},
+    "numbers for rows of evaluations": lambda summary: summary | {"evaluation": [1, 2]},
+    "words for evaluations": lambda summary: summary | {"evaluation": [["high"]]},
+    "a word for the share of recency": lambda summary: (
+        summary | {"recency_share_of_replay": "half"}
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", SUMMARIES.values(), ids=SUMMARIES)
+def test_a_summary_of_the_wrong_shape_is_refused(complete, tmp_path, capsys, damage):
+    folder = Path(shutil.copytree(complete, tmp_path / "run"))
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(damage(summary)))
     resume(folder, capsys, "summary.json")
 
 

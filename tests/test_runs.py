@@ -3,18 +3,45 @@ resumed.
 """
 
 import json
-import os
 import random
+import re
 import shutil
 import subprocess
 import time
-from types import SimpleNamespace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import pytest
-from helpers import SMALL, Crash, cli, command, contents, drifts_at, environ, flags, refused
+from helpers import (
+    SMALL,
+    Crash,
+    checkpoints_every,
+    cli,
+    command,
+    contents,
+    drifts_at,
+    environ,
+    exact_state,
+    flags,
+    refused,
+)
+from matplotlib.figure import Figure
 
-from gbdqn_ref import UsageError, __main__, checkpoint, drift, files, runs, train
+from gbdqn_ref import (
+    DivergenceError,
+    UsageError,
+    __main__,
+    checkpoint,
+    drift,
+    plots,
+    provenance,
+    runs,
+    tables,
+    train,
+)
+from gbdqn_ref import config as config_module
+from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
 
 FILES = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
@@ -112,50 +139,6 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(
     assert contents(out) == undisturbed[agent]
 
 
-def checkpoints_every(episodes, monkeypatch):
-    """Let a checkpoint be due every so many episodes, by a clock that ticks once when it is
-    read.
-    """
-    clock = iter(range(10**6))
-    monkeypatch.setattr(runs, "time", SimpleNamespace(monotonic=lambda: next(clock)))
-    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", episodes - 1)
-
-
-def train_until_file(n, out, agent):
-    """Let the run crash when the n-th file is complete but has not taken its place."""
-    count, replace = [0], os.replace
-
-    def crashing(source, target):
-        count[0] += 1
-        if count[0] == n:
-            raise Crash
-        replace(source, target)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(files.os, "replace", crashing)
-        runs.train(config_of(agent), out, quiet=True)
-
-
-@pytest.mark.parametrize(
-    "n", range(2, 9)
-)  # of 8: config, episodes, three checkpoints, the last one, curve, summary
-def test_a_crash_at_any_file_is_made_good(tmp_path, undisturbed, monkeypatch, n):
-    checkpoints_every(8, monkeypatch)  # so that there are lines to cut
-    with pytest.raises(Crash):
-        train_until_file(n, tmp_path, "gbdqn")
-    runs.train(config_of("gbdqn"), tmp_path, resume=True, quiet=True)
-    assert contents(tmp_path) == undisturbed["gbdqn"]
-
-
-def test_a_run_that_crashed_before_its_config_was_written_can_be_started_again(
-    tmp_path, undisturbed
-):
-    with pytest.raises(Crash):
-        train_until_file(1, tmp_path, "dqn")
-    runs.train(config_of("dqn"), tmp_path, quiet=True)
-    assert contents(tmp_path) == undisturbed["dqn"]
-
-
 @pytest.fixture
 def interrupted(tmp_path):
     """The folder of a GB-DQN that crashed in episode 20, with a checkpoint after 18."""
@@ -178,6 +161,29 @@ def interrupted(tmp_path):
         "checkpoint.npz",
     }
     return tmp_path / "interrupted"
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_every_agent_goes_on_as_if_it_had_never_stopped(tmp_path, monkeypatch, agent):
+    """Random's too, whose evaluation has a generator of its own."""
+
+    def run(*arguments):
+        for record in train.run(*arguments):
+            yield record
+            if record["episode"] == 10:
+                raise Crash
+
+    config = Config(agent=agent, **SMALL | {"schedule": drifts_at(3, 6, 9)})
+    monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"PNG"))
+    runs.train(config, tmp_path / "straight", quiet=True)
+    checkpoints_every(4, monkeypatch)
+    with monkeypatch.context() as patch:
+        patch.setattr(runs, "run", run)
+        with pytest.raises(Crash):
+            runs.train(config, tmp_path / "stopped", quiet=True)
+    assert (tmp_path / "stopped" / "checkpoint.npz").exists()
+    runs.train(config, tmp_path / "stopped", resume=True, quiet=True)
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
 
 
 def test_without_a_checkpoint_a_run_starts_anew(interrupted, undisturbed):
@@ -282,13 +288,18 @@ def test_episodes_csv_holds_what_the_run_yielded(tmp_path, undisturbed, agent):
 
 
 @both
-def test_config_json_holds_every_setting_and_the_versions(tmp_path, undisturbed, agent):
+def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undisturbed, agent):
     (tmp_path / "config.json").write_bytes(undisturbed[agent]["config.json"])
     content = json.loads(undisturbed[agent]["config.json"])
     assert runs.read_config(tmp_path) == config_of(agent)
     assert content["config"] == config_of(agent).to_dict()
-    assert content["versions"].keys() == {"gbdqn_ref", "python", "numpy", "gymnasium", "mujoco"}
+    assert content["config"]["replay"] is None
+    assert content["own"] == {"replay": {"gbdqn": "recency", "dqn": "proportional"}[agent]}
+    assert {"versions": content["versions"], "code": content["code"]} == provenance.of(
+        config_of(agent)
+    )
     assert content["versions"]["numpy"] == np.__version__
+    assert content.keys() == {"config", "own", "versions", "code"}
 
 
 @both
@@ -316,12 +327,13 @@ def test_the_last_checkpoint_is_the_agent_at_the_end_of_the_run(tmp_path, undist
     )
 
 
-def test_the_curve_is_a_picture(undisturbed):
-    for written in undisturbed.values():
-        assert (
-            written["curve.png"].startswith(b"\x89PNG\r\n\x1a\n")
-            and len(written["curve.png"]) > 10_000
-        )
+@both
+def test_the_curve_shows_the_stored_episodes(tmp_path, undisturbed, agent):
+    restore(undisturbed[agent], tmp_path / "run")
+    records = {agent: runs.read_episodes(tmp_path / "run")}
+    level = runs.read_summary(tmp_path / "run")["random_return"]
+    plots.save(plots.learning_curves(records, config_of(agent), level), tmp_path / "curve.png")
+    assert (tmp_path / "curve.png").read_bytes() == undisturbed[agent]["curve.png"]
 
 
 @pytest.mark.parametrize("env", drift.ENVIRONMENTS)
@@ -347,6 +359,248 @@ def test_every_environment_can_be_run_from_the_command_line(tmp_path, env, capsy
     assert "gravity × 1.1" in capsys.readouterr().out
 
 
+def test_the_summary_has_the_share_of_the_samples_that_go_by_recency(tmp_path, undisturbed):
+    """(1 − β) Σ p^time of all that the two kinds of priorities sum up to (Eq. 10)."""
+    restore(undisturbed["gbdqn"], tmp_path)
+    config, agent = runs.read_agent(tmp_path)
+    by_time = sum(np.exp(-config.recency_rate * age) for age in range(len(agent.replay)))
+    by_error = agent.replay.tree.levels[0][: len(agent.replay)].sum()
+    share = (1 - config.mix) * by_time / ((1 - config.mix) * by_time + config.mix * by_error)
+    assert runs.read_summary(tmp_path)["recency_share_of_replay"] == pytest.approx(share, rel=1e-6)
+
+
+@pytest.mark.parametrize("alpha", [0.1, "closed-form"])
+def test_the_last_checkpoint_and_the_last_evaluation_are_of_the_finished_agent(tmp_path, alpha):
+    """With target=frozen the last learner counts only once training has ended."""
+    config = Config(**SMALL | {"schedule": drifts_at(3, 6, 9)}, target="frozen", alpha=alpha)
+    summary = runs.train(config, tmp_path, quiet=True)
+    trained = train.make_agent(config)
+    list(train.run(config, trained))
+    again, agent = runs.read_agent(tmp_path)
+    assert again == config and len(agent.ensemble) == 3 == len(trained.ensemble) + 1
+    assert exact_state(agent) == exact_state(trained.finish())
+    env = drift.make("cartpole", config.schedule)
+    assert train.evaluate_regimes(agent, env, config) == summary["evaluation"][-1]
+
+
+def test_a_run_of_six_episodes_in_five_regimes_makes_at_most_six_environments(
+    tmp_path, monkeypatch
+):
+    made, make = [], drift.gymnasium.make
+    monkeypatch.setattr(
+        drift.gymnasium,
+        "make",
+        lambda *args, **options: made.append(args) or make(*args, **options),
+    )
+    schedule = [{"episode": k, "length": 1 + k / 10} for k in (1, 2, 3, 4)]
+    summary = runs.train(
+        Config(**SMALL | {"episodes": 6, "schedule": schedule}), tmp_path / "run", quiet=True
+    )
+    assert len(summary["regimes"]) == 5 and 1 <= len(made) <= 6
+
+
+# --- going on under other versions ----------------------------------------------------------------
+
+
+def other_numpy(monkeypatch):
+    versions = provenance.versions() | {"numpy": "9.9"}
+    monkeypatch.setattr(provenance, "versions", lambda: versions)
+    return [f"numpy {np.__version__} → 9.9"]
+
+
+def other_code(monkeypatch):
+    for name in ("optim", "gbdqn"):
+        monkeypatch.setitem(provenance.SOURCES, name, provenance.SOURCES[name] + b"x = 1\n")
+    code = provenance.code(config_of("gbdqn"))
+    return [f"{name} " for name in ("optim", "gbdqn")] + [f" → {code['gbdqn']}"]
+
+
+@pytest.mark.parametrize("change", [other_numpy, other_code])
+def test_a_run_goes_on_under_other_versions_only_where_that_is_accepted(
+    interrupted, undisturbed, monkeypatch, capsys, change
+):
+    first, said = provenance.of(config_of("gbdqn")), change(monkeypatch)
+    resume = ["train", "--resume", "--out", str(interrupted), "--quiet"]
+    for words in [*said, "--accept-versions"]:
+        refused(capsys, interrupted, resume, words)
+    summary = runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True, accept=True)
+    left = contents(interrupted)
+    content = json.loads(left.pop("config.json"))
+    assert {"versions": content["versions"], "code": content["code"]} == first
+    assert content["continued"] == [{"episode": 18, **provenance.of(config_of("gbdqn"))}] != [first]
+    assert left == {name: undisturbed["gbdqn"][name] for name in left}
+    monkeypatch.undo()  # what is complete is read under any versions
+    assert runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True) == summary
+
+
+def test_what_was_accepted_last_is_what_counts(interrupted, undisturbed, monkeypatch):
+    """Interrupted again under the new version, the run goes on there without another word, and no
+    longer under the old one.
+    """
+
+    def accepted(*arguments):
+        raise Crash
+        yield
+
+    config = config_of("gbdqn")
+    with monkeypatch.context() as patch:
+        other_numpy(patch)
+        patch.setattr(runs, "run", accepted)
+        with pytest.raises(Crash):
+            runs.train(config, interrupted, resume=True, quiet=True, accept=True)
+        with pytest.raises(Crash):
+            runs.train(config, interrupted, resume=True, quiet=True)
+        assert runs.changes(interrupted) == []
+    with pytest.raises(UsageError, match=r"numpy 9\.9 → "):
+        runs.train(config, interrupted, resume=True, quiet=True)
+    runs.train(config, interrupted, resume=True, quiet=True, accept=True)
+    continued = json.loads((interrupted / "config.json").read_bytes())["continued"]
+    numpy = [each["versions"]["numpy"] for each in continued]
+    assert numpy == ["9.9", np.__version__]
+    assert (interrupted / "episodes.csv").read_bytes() == undisturbed["gbdqn"]["episodes.csv"]
+
+
+def test_comments_and_docstrings_may_change_on_the_way(interrupted, undisturbed, monkeypatch):
+    for name, source in provenance.SOURCES.items():
+        monkeypatch.setitem(provenance.SOURCES, name, source + b"\n# a comment\n")
+    runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
+    assert contents(interrupted) == undisturbed["gbdqn"]
+
+
+def aged(folder):
+    """The folder as it was written before the code was on record and settings could be None."""
+    content = json.loads((folder / "config.json").read_bytes())
+    settings = content["config"] | content["own"]
+    old = {"config": settings, "versions": {"numpy": content["versions"]["numpy"]}}
+    (folder / "config.json").write_text(json.dumps(old))
+    return old
+
+
+def test_a_run_from_before_the_code_was_on_record_is_read_and_goes_on_where_accepted(
+    interrupted, undisturbed
+):
+    old, config = aged(interrupted), config_of("gbdqn")
+    assert runs.read_config(interrupted).resolved() == config.resolved()
+    assert runs.read_agent(interrupted)[1].steps > 0
+    with pytest.raises(UsageError, match=r"its code is not on record.*--accept-versions"):
+        runs.train(config, interrupted, resume=True, quiet=True)
+    runs.train(config, interrupted, resume=True, quiet=True, accept=True)
+    content = json.loads((interrupted / "config.json").read_bytes())
+    assert content | old == content and content["continued"][0]["episode"] == 18
+    left = contents(interrupted)
+    assert all(left[name] == undisturbed["gbdqn"][name] for name in FILES - {"config.json"})
+
+
+def test_a_setting_that_an_older_run_does_not_know_has_its_default(
+    interrupted, undisturbed, monkeypatch
+):
+    """A new field of Config leaves unfinished runs and their checkpoints usable."""
+
+    @dataclass(frozen=True)
+    class Later(Config):
+        novelty: Annotated[float, config_module.POSITIVE] = 0.5
+
+    settings = config_of("gbdqn").to_dict()
+    monkeypatch.setitem(config_module.SETTINGS, "novelty", ((float,), config_module.POSITIVE))
+    for module in (runs, checkpoint):
+        monkeypatch.setattr(module, "Config", Later)
+    later = Later.from_dict(settings)
+    with pytest.raises(UsageError, match=r"other settings \(novelty=0\.5\)"):
+        runs.train(replace(later, novelty=0.25), interrupted, resume=True, quiet=True)
+    runs.train(later, interrupted, resume=True, quiet=True)
+    for name in ("episodes.csv", "summary.json", "config.json"):
+        assert (interrupted / name).read_bytes() == undisturbed["gbdqn"][name]
+
+
+def test_an_agents_own_setting_of_the_past_holds_for_its_runs(
+    interrupted, undisturbed, monkeypatch
+):
+    """Where GB-DQN's own replay is another one today, a run that began with the old one keeps it,
+    and a new config is another run.
+    """
+    today = AGENTS["gbdqn"]._replace(own={"replay": "uniform"})
+    monkeypatch.setitem(AGENTS, "gbdqn", today)
+    assert runs.read_config(interrupted).replay == "recency"
+    with pytest.raises(UsageError, match=r"other settings \(replay='recency'\)"):
+        runs.train(config_of("gbdqn"), interrupted, resume=True, quiet=True)
+    runs.train(runs.read_config(interrupted), interrupted, resume=True, quiet=True)
+    assert contents(interrupted) == undisturbed["gbdqn"]
+
+
+# --- what fails costs nothing else ----------------------------------------------------------------
+
+
+def test_a_picture_that_fails_is_told_in_a_line_and_drawn_the_next_time(
+    tmp_path, undisturbed, monkeypatch, capsys
+):
+    def fail(*arguments):
+        raise RuntimeError("latex was not found\non this machine")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(runs.plots, "learning_curves", fail)
+        summary = runs.train(config_of("dqn"), tmp_path, quiet=True)
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "curve.png" in said and "latex was not found" in said
+    left = contents(tmp_path)
+    assert left.keys() == FILES - {"curve.png"}
+    assert left == {name: undisturbed["dqn"][name] for name in left}
+    assert runs.train(config_of("dqn"), tmp_path, resume=True, quiet=True) == summary
+    assert contents(tmp_path) == undisturbed["dqn"]
+
+
+def test_what_a_run_that_diverges_has_written_stays(tmp_path):
+    config = Config(agent="dqn", replay="uniform", lr=1e30, **SMALL | {"learning_starts": 60})
+    with pytest.raises(DivergenceError) as first:
+        runs.train(config, tmp_path / "run", quiet=True)
+    left = contents(tmp_path / "run")
+    records = runs.read_episodes(tmp_path / "run")
+    assert 1 <= len(records) < 12 and f"episode {len(records)}," in str(first.value)
+    assert left.keys() == {"config.json", "episodes.csv"}
+    with pytest.raises(DivergenceError, match=re.escape(str(first.value))):
+        runs.train(config, tmp_path / "run", resume=True, quiet=True)
+    assert contents(tmp_path / "run") == left
+
+
+def test_an_agent_beyond_all_memory_is_refused_before_anything_is_written(tmp_path, monkeypatch):
+    def make_agent(config):
+        raise MemoryError("Unable to allocate 9. TiB")
+
+    monkeypatch.setattr(runs, "make_agent", make_agent)
+    with pytest.raises(UsageError, match=r"does not fit into memory .*9\. TiB.*smaller capacity"):
+        runs.train(config_of("dqn"), tmp_path / "a" / "run", quiet=True)
+    assert contents(tmp_path) == {}
+
+
+FULL = """
+import resource, sys
+from gbdqn_ref import __main__
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)),) * 2)
+sys.exit(__main__.main())
+"""
+
+
+@pytest.mark.parametrize(("limit", "name"), [(400, "config.json"), (8000, "checkpoint.npz")])
+def test_a_disk_that_is_too_small_names_the_file_and_keeps_the_rest(
+    tmp_path, undisturbed, limit, name
+):
+    out = tmp_path / "run"
+    arguments = ["train", "--agent", "dqn", *SETTINGS, "--out", out, "--quiet"]
+    full = subprocess.run(
+        command(limit, *arguments, start=("-c", FULL)),
+        env=environ(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert full.returncode == 2 and full.stderr.count("\n") == 1
+    assert f"File too large: {str(out / name)!r}" in full.stderr
+    assert set(contents(tmp_path)) == (
+        set() if name == "config.json" else {"run", "run/config.json", "run/episodes.csv"}
+    )
+    runs.train(config_of("dqn"), out, resume=out.exists(), quiet=True)
+    assert contents(out) == undisturbed["dqn"]
+
+
 # --- the command line -----------------------------------------------------------------------------
 
 
@@ -355,7 +609,7 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     status, stdout, stderr = cli("compare", *SETTINGS, "--out", out, "--quiet")
     assert (status, stderr) == (0, "")
     first = contents(out)
-    assert first.pop("comparison.png").startswith(b"\x89PNG")
+    assert first.pop("comparison.png")
     assert first == dict.fromkeys(undisturbed) | {
         f"{agent}/{name}": undisturbed[agent][name] for agent in undisturbed for name in FILES
     }
@@ -374,25 +628,20 @@ def test_compare_finishes_what_it_has_begun(tmp_path, interrupted, undisturbed, 
     )
 
 
-def test_the_table_has_a_line_per_regime_and_a_column_per_agent(tmp_path, undisturbed, capsys):
+def test_compare_shows_what_the_runs_have_stored(tmp_path, undisturbed, capsys):
     for agent, written in undisturbed.items():
         restore(written, tmp_path / agent)
     assert __main__.main(["compare", *SETTINGS, "--out", str(tmp_path)]) == 0
-    table = capsys.readouterr().out
-    rows = [line for line in table.splitlines() if line[:3] in ("0  ", "1  ", "2  ", "3  ")]
-    assert [row.split("  ")[1] for row in rows] == [
-        "stock physics", "length × 2", "gravity × 2, length × 2", "stock physics"
-    ]  # fmt: skip
-    for agent, shown in (("gbdqn", "GB-DQN"), ("dqn", "DQN")):
-        summary = json.loads(undisturbed[agent]["summary.json"])
-        assert shown in table and f"{summary['final_return']:.1f}" in table
-        for row, regime in zip(rows, summary["regimes"], strict=True):
-            assert f"{regime['mean_return']:.1f}" in row
-            assert regime["drop"] is None or f"{regime['drop']:.0%}" in row
-            assert (
-                regime["drop"] is None
-                or (str(regime["recovery"]) if regime["recovery"] else "never") in row
-            )
+    printed, config = capsys.readouterr().out, config_of("dqn")
+    agents = ("gbdqn", "dqn")
+    summaries = {agent: json.loads(undisturbed[agent]["summary.json"]) for agent in agents}
+    tables.show(tables.regimes(summaries, config))
+    assert printed.startswith(capsys.readouterr().out)
+    records = {agent: runs.read_episodes(tmp_path / agent) for agent in agents}
+    level = summaries["dqn"]["random_return"]
+    plots.save(plots.learning_curves(records, config, level), tmp_path / "again.png")
+    drawn = (tmp_path / name for name in ("again.png", "comparison.png"))
+    assert len({path.read_bytes() for path in drawn}) == 1
 
 
 def test_the_progress_is_shown_on_stderr_and_the_table_on_stdout(tmp_path):

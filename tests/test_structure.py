@@ -135,3 +135,15 @@ def test_every_deviation_is_listed_once_and_cited_at_its_line():
     cited = {number for text in texts for number in re.findall(r"\bD\d+\b", text)}
     assert listed == [f"D{i + 1}" for i in range(len(listed))]
     assert set(listed) == cited
+
+
+def test_every_promise_names_tests_that_there_are():
+    page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
+    rows = [row for row in page.splitlines() if row.startswith("| ")][1:]
+    assert len(rows) > 10
+    for row in rows:
+        named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", row)
+        assert named, row
+        for file, name in named:
+            text = (ROOT / "tests" / file).read_text(encoding="utf-8")
+            assert f"def {name}(" in text, name

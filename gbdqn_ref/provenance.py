@@ -1,0 +1,110 @@
+"""What decides a run beside its settings: the libraries, the machine's arithmetic, our own code.
+
+    versions = {"numpy": "2.4.6", "kernels": "e84b5f9692afa13e", …}
+    code     = {"agent": "GBDQN", "nn": "3fb6e1a25c0d9b74", …}
+
+Code is what train and the agent's module import, down to nn. A module's fingerprint is of its
+syntax tree: formatting, comments and docstrings change nothing. Modules that only resolve settings
+are left out, since what they resolve to is compared: for the schedule that is the regimes.
+"""
+
+import ast
+import hashlib
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+
+from . import __version__
+from .agents import AGENTS
+from .config import Config
+from .train import THREADS
+
+RESOLVED = {"agents", "config", "presets", "schedule"}
+# read now: who edits a module that is imported already still runs the old one
+SOURCES = {path.stem: path.read_bytes() for path in Path(__file__).parent.glob("*.py")}
+
+Provenance = dict[str, dict[str, str]]
+
+
+def of(config: Config) -> Provenance:
+    """{"versions": …, "code": …} of a run with this config, here and now."""
+    return {"versions": versions(), "code": code(config)}
+
+
+def changes(before: Provenance, now: Provenance) -> list[str]:
+    """What differs, like "numpy 2.4.5 → 2.4.6"."""
+    if not before["code"]:
+        return ["its code is not on record"]
+    old, new = ({**each["versions"], **each["code"]} for each in (before, now))
+    return [
+        f"{name} {old.get(name, 'none')} → {new.get(name, 'none')}"
+        for name in old | new
+        if old.get(name) != new.get(name)
+    ]
+
+
+def versions() -> dict[str, str]:
+    """The versions that decide a run; MuJoCo's without importing it, which takes long."""
+    return {
+        "gbdqn_ref": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "gymnasium": gymnasium.__version__,
+        "mujoco": version("mujoco"),
+        "kernels": kernels(),
+    }
+
+
+def kernels() -> str:
+    """A hash of what NumPy's kernels compute here: their last bits depend on the processor."""
+    x = np.random.default_rng(0).normal(size=(64, 129)).astype(np.float32)
+    with THREADS.limit(limits=1):
+        products = [x.T @ x, x[:, :7] @ x[:7, :3], x[:1] @ x.T]
+    curves = [np.exp(x), np.log1p(np.abs(x)), np.sqrt(np.abs(x))]
+    return _hash(b"".join(result.tobytes() for result in products + curves))
+
+
+def code(config: Config) -> dict[str, str]:
+    """The agent's class, and a fingerprint of the regimes and of each module that decides a run."""
+    make = AGENTS[config.agent].make
+    found, new = set(), {"train", make.__module__.rpartition(".")[2]} & SOURCES.keys()
+    while new:
+        found |= new
+        new = {name for each in new for name in _imports(each)} - found - RESOLVED
+    modules = {name: fingerprint(SOURCES[name]) for name in sorted(found)}
+    schedule = _hash(repr([tuple(regime) for regime in config.regimes]).encode())
+    return {"agent": make.__qualname__, "schedule": schedule} | modules
+
+
+def fingerprint(source: bytes) -> str:
+    """A hash of what the source does, whatever it looks like and says of itself.
+
+    >>> fingerprint(b"def f(x): return x  # as it is") == fingerprint(b"def f( x ):\\r\\n return x")
+    True
+    """
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            node.body = [part for part in node.body if not _is_text(part)]
+    return _hash(ast.unparse(tree).encode())
+
+
+def _is_text(statement: ast.stmt) -> bool:
+    value = statement.value if isinstance(statement, ast.Expr) else None
+    return isinstance(value, ast.Constant) and isinstance(value.value, str)
+
+
+def _imports(name: str) -> set[str]:
+    """The modules of ours that this one imports."""
+    found = set()
+    for node in ast.walk(ast.parse(SOURCES[name])):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            found |= {node.module} if node.module else {alias.name for alias in node.names}
+    return found & SOURCES.keys()
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]

@@ -1,0 +1,118 @@
+"""What decides a run is told apart from what does not: versions, code, the machine's arithmetic."""
+
+import ast
+
+import numpy as np
+import pytest
+from helpers import SMALL
+
+from gbdqn_ref import provenance
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.config import Config
+from gbdqn_ref.gbdqn import GBDQN
+
+WORLD = {"agent", "schedule", "train", "drift", "physics"}
+DQN = WORLD | {"dqn", "nn", "optim", "bellman", "replay"}
+every_module = pytest.mark.parametrize("name", sorted(provenance.SOURCES))
+
+
+def code(agent="dqn", **settings):
+    return provenance.code(Config(agent=agent, **settings))
+
+
+def changed(before, now):
+    """The names of what has changed."""
+    return [line.split()[0] for line in provenance.changes(before, now)]
+
+
+@pytest.mark.parametrize(
+    ("agent", "modules"),
+    [
+        ("dqn", DQN),
+        ("dqn-recency", DQN),
+        ("gbdqn", DQN | {"gbdqn", "boosting"}),
+        ("gbdqn-per", DQN | {"gbdqn", "boosting"}),
+        ("ensemble", DQN | {"baselines"}),
+        ("random", DQN | {"baselines"}),
+    ],
+)
+def test_the_code_of_a_run_is_what_its_agent_and_the_loop_are_made_of(agent, modules):
+    assert set(code(agent)) == modules
+
+
+@every_module
+def test_formatting_comments_and_docstrings_change_nothing(name):
+    source = provenance.SOURCES[name]
+    plain = ast.unparse(ast.parse(source)).encode()  # without comments, and formatted anew
+    windows = source.replace(b"\n", b"\r\n")
+    documented = b'"""Another docstring."""\n' + plain + b"  # and a comment\n"
+    assert plain != source
+    for same in (plain, windows, documented, b"\xef\xbb\xbf" + source):
+        assert provenance.fingerprint(same) == provenance.fingerprint(source)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        b"def f(x): return x - 1",
+        b"def f(x): return x + 2",
+        b"def f(x, y=0): return x + 1",
+        b"def f(x): return x + 1\nf = abs",
+        b"def f(x):\n    print(x)\n    return x + 1",
+        b"def f(x): return 'x + 1'",
+    ],
+)
+def test_what_the_code_does_changes_the_fingerprint(other):
+    assert provenance.fingerprint(other) != provenance.fingerprint(b"def f(x): return x + 1")
+
+
+def test_a_text_that_is_used_is_no_docstring():
+    first, second = (f"def f():\n    return {word!r}".encode() for word in ("uniform", "recency"))
+    assert provenance.fingerprint(first) != provenance.fingerprint(second)
+
+
+def test_another_source_is_another_code(monkeypatch):
+    before = code()
+    monkeypatch.setitem(provenance.SOURCES, "optim", provenance.SOURCES["optim"] + b"x = 1\n")
+    assert {name for name in before if code()[name] != before[name]} == {"optim"}
+
+
+def test_the_looks_of_an_agent_do_not_decide_its_runs_and_its_class_does(monkeypatch):
+    before = code()
+    look = AGENTS["dqn"]._replace(label="Deep Q", colour="red", mark="x", line=":")
+    monkeypatch.setitem(AGENTS, "dqn", look)
+    assert code() == before
+    monkeypatch.setitem(AGENTS, "dqn", look._replace(make=GBDQN))
+    assert code()["agent"] == "GBDQN" != before["agent"]
+
+
+def test_a_schedule_counts_as_what_it_resolves_to():
+    schedule = [{"episode": 3, "gravity": 2.0}]
+    written_out = [{"episode": 3, "gravity": 2, "length": 1.0}, {"episode": 99, "reset": True}]
+    settings = SMALL | {"schedule": schedule}
+    assert code(**settings) == code(**settings | {"schedule": written_out})
+    later = settings | {"schedule": [{"episode": 4, "gravity": 2.0}]}
+    assert code(**settings)["schedule"] != code(**later)["schedule"]
+
+
+def test_the_kernels_are_a_matter_of_bits(monkeypatch):
+    before = provenance.kernels()
+    assert provenance.kernels() == before
+    exp = np.exp
+    monkeypatch.setattr(np, "exp", lambda x: np.nextafter(exp(x), np.float32(9)))
+    assert provenance.kernels() != before
+
+
+def test_the_changes_are_told_old_and_new():
+    now = provenance.of(Config())
+    assert provenance.changes(now, now) == []
+    before = {kind: dict(values) for kind, values in now.items()}
+    before["versions"]["numpy"] = "1.0"
+    before["code"]["optim"] = "0123"
+    del before["versions"]["kernels"]
+    assert changed(before, now) == ["numpy", "optim", "kernels"]
+    numpy, optim, kernels = provenance.changes(before, now)
+    assert numpy == f"numpy 1.0 → {np.__version__}"
+    assert optim == f"optim 0123 → {now['code']['optim']}"
+    assert kernels == f"kernels none → {now['versions']['kernels']}"
+    assert provenance.changes(before | {"code": {}}, now) == ["its code is not on record"]
