@@ -23,6 +23,8 @@ import several
 from measure import REPLAYS, STOCK, TINY, Scale
 from threadpoolctl import threadpool_limits
 
+from gbdqn_ref import UsageError
+from gbdqn_ref.files import check_picture
 from gbdqn_ref.plots import save
 
 
@@ -35,12 +37,11 @@ def main(arguments=None):
     )
     args = parser.parse_args(arguments)
     path, scale = Path(args.out), TINY if args.tiny else Scale()
-    if path.is_dir():
-        parser.error(f"{path} is a folder; --out is the file that takes the picture")
     try:
+        check_picture(path, ".png")
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        parser.error(str(error))
+    except (UsageError, OSError) as error:
+        parser.exit(2, f"bench.py: {error}\n")
     with one_core():
         absent = peers.missing()
         print(versions(absent))

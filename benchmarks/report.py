@@ -2,10 +2,8 @@
 
 from math import isnan
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from gbdqn_ref.agents import OKABE_ITO
+from gbdqn_ref.plots import Figure, plain
 
 LOOKS = tuple(zip(OKABE_ITO, "o^s", strict=False))  # of the first line, the second …
 PANELS = (  # title, x, y
@@ -35,17 +33,17 @@ def decimals(x):
 
 
 def picture(panels):
-    """How cost grows: a panel for each of PANELS, {label: (x, y)}."""
-    figure = Figure(figsize=(14, 4), layout="constrained")
-    FigureCanvasAgg(figure)
-    all_axes = figure.subplots(1, len(PANELS))
-    for axes, lines, (title, x_label, y_label) in zip(all_axes, panels, PANELS, strict=True):
-        for (label, (x, y)), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
-            axes.plot(x, y, color=colour, marker=mark, label=label)
-        axes.set(xlabel=x_label, ylabel=y_label)
-        axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
-        axes.set_title(title, loc="left")
-        axes.legend(frameon=False, loc="upper right" if "runs" in title else "upper left")
-        axes.spines[["top", "right"]].set_visible(False)
-    all_axes[0].set_xscale("log")
+    """How cost grows: a panel for each of PANELS, {label: (x, y)}; the figure."""
+    with plain():
+        figure = Figure(figsize=(14, 4), layout="constrained")
+        all_axes = figure.subplots(1, len(PANELS))
+        for axes, lines, (title, x_label, y_label) in zip(all_axes, panels, PANELS, strict=True):
+            for (label, (x, y)), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
+                axes.plot(x, y, color=colour, marker=mark, label=label)
+            axes.set(xlabel=x_label, ylabel=y_label)
+            axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
+            axes.set_title(title, loc="left")
+            axes.legend(frameon=False, loc="best")
+            axes.spines[["top", "right"]].set_visible(False)
+        all_axes[0].set_xscale("log")
     return figure

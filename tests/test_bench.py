@@ -61,7 +61,9 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys, 
     assert [path.name for path in out.parent.iterdir()] == ["bench.png"]
 
 
-@pytest.mark.parametrize(("out", "says"), [("", "is a folder"), ("file/bench.png", "file")])
+@pytest.mark.parametrize(
+    ("out", "says"), [("", "is a folder"), ("bench.jpg", "as .png"), ("file/bench.png", "file")]
+)
 def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
     out, says, tmp_path, capsys, monkeypatch
 ):
