@@ -17,6 +17,7 @@ import gymnasium
 import numpy as np
 import pytest
 from helpers import agent_of
+from threadpoolctl import threadpool_info
 
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
@@ -76,13 +77,15 @@ def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
 
 
 def test_a_table_shows_three_digits_and_a_dash_where_there_is_no_number(capsys):
-    report.table("title", ("µs", "a longer heading"), {"one": (1.234, 12.34), "two": (1234.5, nan)})
+    rows = {"one": (1.234, 12.34), "two": (123.4, nan), "three": (1234.5, 0.123)}
+    report.table("title", ("µs", "a longer heading"), rows)
     assert capsys.readouterr().out.splitlines() == [
         "",
         "title",
         "        µs  a longer heading",
         "      1.23              12.3  one",
-        "     1,234                 –  two",
+        "       123                 –  two",
+        "     1,234              0.12  three",
     ]
 
 
@@ -150,6 +153,7 @@ def test_one_core_is_used_and_all_are_given_back():
     before = os.sched_getaffinity(0)
     with bench.one_core():
         assert len(os.sched_getaffinity(0)) == 1
+        assert {pool["num_threads"] for pool in threadpool_info()} == {1}
     assert os.sched_getaffinity(0) == before
 
 
@@ -230,6 +234,13 @@ def test_another_update_does_not(values):
     agent, _ = against.learner(16, (4, 8, 2))
     with pytest.raises(AssertionError):
         against.check_same_update(agent, *updates(**values), updates=10)
+
+
+def test_the_same_errors_from_another_network_do_not():
+    agent, _ = against.learner(16, (4, 8, 2))
+    learn, theta = updates()
+    with pytest.raises(AssertionError):
+        against.check_same_update(agent, learn, lambda: theta() + 0.01)
 
 
 @pytest.mark.parametrize("library", ["jax", "torch"])
