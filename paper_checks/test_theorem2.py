@@ -1,8 +1,8 @@
 """Theorem 2: boosting whose Bellman error E_μ falls at each step converges to Q*. Its hypothesis
 does not give it.
 
-E_μ(Q) = Σ μ (𝒯Q − Q)². A strict fall need not reach 0; the residual is not its gradient; and E_μ =
-0 is Q* only where μ looks everywhere.
+E_μ(Q) = Σ μ (𝒯Q − Q)². A strict fall need not reach 0; the residual is its gradient only for a
+fixed target; and E_μ = 0 is Q* only where μ looks everywhere.
 """
 
 from fractions import Fraction as F
