@@ -337,8 +337,8 @@ def test_random_actions_reach_the_printed_means():
     nothing = mean_return("hopper", lambda: 0, episodes=5)
     assert low < mean and high < mean + 2 * error and error < 1 and nothing > 5 * high
     shows(
-        "printed {:.1f} to {:.1f}; under our seven actions, {} episodes: random about {}, within two"
-        " standard errors of the highest, doing nothing about {}",
+        "printed {:.1f} to {:.1f}; under our seven actions, {} episodes: random about {}, within"
+        " two standard errors of the highest, doing nothing about {}",
         low,
         high,
         episodes,
