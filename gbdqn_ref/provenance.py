@@ -11,6 +11,7 @@ are left out, since what they resolve to is compared: for the schedule that is t
 import ast
 import hashlib
 import platform
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -85,11 +86,17 @@ def fingerprint(source: bytes) -> str:
     >>> fingerprint(b"def f(x): return x  # as it is") == fingerprint(b"def f( x ):\\r\\n return x")
     True
     """
+    return _hash(ast.unparse(_tree(source)).encode())
+
+
+@cache
+def _tree(source: bytes) -> ast.Module:
+    """The syntax tree without docstrings."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
             node.body = [part for part in node.body if not _is_text(part)]
-    return _hash(ast.unparse(tree).encode())
+    return tree
 
 
 def _is_text(statement: ast.stmt) -> bool:
@@ -100,7 +107,7 @@ def _is_text(statement: ast.stmt) -> bool:
 def _imports(name: str) -> set[str]:
     """The modules of ours that this one imports."""
     found = set()
-    for node in ast.walk(ast.parse(SOURCES[name])):
+    for node in ast.walk(_tree(SOURCES[name])):
         if isinstance(node, ast.ImportFrom) and node.level:
             found |= {node.module} if node.module else {alias.name for alias in node.names}
     return found & SOURCES.keys()

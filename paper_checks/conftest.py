@@ -1,22 +1,21 @@
 """Markers by theorem and equation, and the ledger at the end of a run."""
 
 import ledger
+import page
 
 
 def pytest_addoption(parser):
     parser.addoption(
         "--ledger",
-        metavar="FILE",
-        help="write the ledger as Markdown to FILE, and as JSON beside it",
+        action="store_true",
+        help="write ledger.json with the figures of this run, and the pages",
     )
 
 
 def pytest_configure(config):
     for name in ledger.PLACES:
         config.addinivalue_line("markers", f"{name}: claims of this part of the paper")
-    config.addinivalue_line(
-        "markers", "claim(id, place, says, verdict, uses): a check that decides a claim"
-    )
+    config.addinivalue_line("markers", "claim(id): a check that decides a claim")
     config.addinivalue_line("markers", "control(*ids): the negative control of claims")
 
 
@@ -32,21 +31,13 @@ def pytest_runtest_setup(item):
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    reports = [report for reports in terminalreporter.stats.values() for report in reports]
-    found = [
-        row
-        for report in reports
-        for name, row in getattr(report, "user_properties", ())
-        if name == "claim"
-    ]
-    rows = ledger.joined(found)
-    if rows:
+    if ledger.FIGURES:
         terminalreporter.section("the ledger: is the paper right?")
-    for row in rows:
+    for id in sorted(ledger.FIGURES, key=ledger.position):
+        claim, figures = ledger.CLAIMS[id], "; ".join(ledger.FIGURES[id].values())
         terminalreporter.write_line(
-            f"{row['id']:5} {row['place']:24} {row['verdict']}\n{'':30} "
-            + "; ".join(row["figures"].values())
+            f"{id:5} {claim['place']:24} {claim['verdict']}\n{'':30} {figures}"
         )
-    if rows and (path := config.getoption("--ledger")):
-        ledger.write(path, rows)
-        terminalreporter.write_line(f"written to {path}")
+    if ledger.FIGURES and config.getoption("--ledger"):
+        page.write(ledger.FIGURES)
+        terminalreporter.write_line(f"written to {page.PAGE}")

@@ -1,34 +1,57 @@
-"""The ledger: which checks decide which claim of the paper, and how; and where each numbered place
-of it is found.
+"""The ledger: what the paper claims (claims/*.toml), and which checks decide each claim.
 
-`--ledger` writes both into README.md, and the rows into ledger.json.
+A test is marked with the id of its claim and shows the figure that decides it. ledger.json holds
+the claims with their figures and checks; page.py writes it, and README.md from it.
 """
 
+import importlib
 import json
 import re
 import string
+import tomllib
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-README = Path(__file__).with_name("README.md")
-ROWS = README.with_name("ledger.json")
-BEGIN, END = (
-    "<!-- ledger: written by pytest paper_checks --ledger paper_checks/README.md -->",
-    "<!-- end of ledger -->",
-)
-PLACES_BEGIN, PLACES_END = (
-    "<!-- concordance: written with the ledger -->",
-    "<!-- end of concordance -->",
-)
+HERE = Path(__file__).parent
+LEDGER = HERE / "ledger.json"
+VERDICTS = {  # and what each means
+    "holds": "as the paper states it",
+    "holds with an assumption": "that the paper does not state; it is named",
+    "fails": "as we read it; the smallest counterexample is shown",
+    "misprint": "what is meant is clear",
+    "ambiguous": "the paper says two things, or leaves open what decides",
+    "inference": "drawn by us; the paper does not say it",
+    "conceded": "by the paper itself",
+    "not checkable": "here",
+}
+UNCHECKED = ("conceded", "not checkable")  # verdicts that need no test
+FIELDS = {  # of a claim, and what the page calls them
+    "place": "Place",
+    "claim": "Claim",
+    "verdict": "Verdict",
+    "reading": "Our reading",
+    "decides": "Why",
+    "assumption": "Missing assumption",
+    "charitable": "The most charitable reading",
+    "charitable_verdict": "Its verdict",
+    "counterexample": "Smallest counterexample",
+    "mend": "What would be true",
+    "proof": "Proof",
+    "kin": "Kin",
+    "extent": "How far",
+    "uses": "Functions",
+}
 PLACES = {f"eq{n}": f"Eq. {n}" for n in range(1, 12)} | {
     f"theorem{n}": f"Theorem {n}" for n in range(1, 5)
 }
 PLACES["algorithm1"] = "Algorithm 1"
 SECTIONS = (  # the headings of the paper that places name
+    "Abstract",
     "Introduction",
     "Related Work",
     "Methodology",
@@ -45,101 +68,125 @@ SECTIONS = (  # the headings of the paper that places name
 )
 NOTEBOOKS = {
     path.stem: path.read_text(encoding="utf-8").replace("\n# ", "\n")
-    for path in sorted(README.parent.parent.glob("notebooks/[0-9]*.py"))
+    for path in sorted(HERE.parent.glob("notebooks/[0-9]*.py"))
 }
-GROUPS = (
-    "M",
-    "R",
-    "W",
-    "P",
-    "A",
-    "T1",
-    "B",
-    "T2",
-    "T3",
-    "T4",
-    "C",
-    "X",
-)  # in the order of the paper
-HEADER = (
-    "| | claim | place | verdict | what decides it | functions | notebooks | checks |\n"
-    + 8 * "|---"
-    + "|\n"
-)
-NOT_CHECKABLE = (  # (id, claim, place, reason)
-    (
-        "T2-n",
-        "F, F_m, Q and Q_m, 𝒯 and 𝒯* are used for one another",
-        "Theorem 2, proof",
-        "notation; the checks read all as Q_m and 𝒯*",
-    ),
-    (
-        "A7",
-        "a booster has been trained when it is added",
-        "Algorithm 1, lines 3 and 29",
-        (
-            "it is added after max-episodes, of which no value is given; what it misses then is the"
-            " ε of T4-d"
-        ),
-    ),
-    (
-        "X11",
-        "CartPole was among the benchmarks",
-        "section Conclusions",
-        "the paper shows none of it",
-    ),
-    (
-        "X12",
-        "boosters are added when drift is detected",
-        "section Introduction",
-        "a schedule tells, nothing detects",
-    ),
-)
+GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X", "K")
+KINDS = ("claim", "proof", "control")  # of a check
 GLYPHS = {"1/2": "½", "1/4": "¼", "3/4": "¾"}
-CLAIMS = {}  # id: what marks a test of it
+CHECKS = {}  # (id, file, test): Check, filled by the marks
+FIGURES = {}  # id: {test: figure} of the tests that ran
 current = None  # the test that runs, set by conftest
 
 
-def claim(id, place, says, verdict, uses):
-    """Mark a test that decides a claim: `says` in our words, `uses` the functions that decide it,
-    if any.
+class Check(NamedTuple):
+    """A test of a claim: of kind "claim", "control" or "proof", and how far it reaches."""
 
-    verdict is "holds", "holds if …", "fails: …" or "ambiguous: …". The test gets the markers of its
-    place: theorem1 from "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls
-    shows() with the figure that decides the claim. Further tests of it are marked by also().
+    id: str
+    kind: str
+    file: str
+    test: str
+    extent: str = ""
+
+
+# The claims
+
+
+def position(id):
+    """Where a claim stands in the ledger: ("T1-b" is the second of group T1).
+
+    >>> sorted(["T1-b", "M10", "X1", "M9", "T1-a"], key=position)
+    ['M9', 'M10', 'T1-a', 'T1-b', 'X1']
     """
-    assert re.match(r"holds$|holds if |fails: |ambiguous: ", verdict), verdict
-    marks = [pytest.mark.claim(id=id, place=place, says=says, verdict=verdict, uses=uses)]
-    marks += [getattr(pytest.mark, name) for name in markers(place)]
+    group, number = re.fullmatch(r"(T\d|[A-Z])-?(\w+)", id).groups()
+    return GROUPS.index(group), int(number) if number.isdigit() else ord(number)
+
+
+def tables(path):
+    """What a TOML file holds, with line breaks inside a text as spaces."""
+
+    def folded(value):
+        if isinstance(value, dict):
+            return {name: folded(each) for name, each in value.items()}
+        if isinstance(value, list):
+            return [folded(each) for each in value]
+        return " ".join(value.split()) if isinstance(value, str) else value
+
+    return folded(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+FILES = [path for path in sorted(HERE.glob("claims/*.toml")) if path.stem != "coverage"]
+CLAIMS = {
+    id: claim
+    for _, id, claim in sorted(
+        (position(id), id, claim) for path in FILES for id, claim in tables(path).items()
+    )
+}
+COVERAGE = tables(HERE / "claims/coverage.toml")["paragraph"]
+
+
+# The marks
+
+
+def claim(id):
+    """Mark a test that decides a claim. It gets the markers of the claim's place: theorem1 from
+    "Theorem 1", eq8 from "Eq. 8", algorithm1 from "Algorithm 1". It calls shows() with the figure
+    that decides. One example, one test: a claim may have several.
+    """
+    marks = [pytest.mark.claim(id)]
+    marks += [getattr(pytest.mark, name) for name in markers(CLAIMS[id]["place"])]
 
     def decorate(test):
+        sampled = getattr(test, "is_hypothesis_test", False)
+        _note("claim", test, [id], "sampled by Hypothesis" if sampled else "decided by examples")
         for mark in marks:
             test = mark(test)
         return test
 
-    CLAIMS[id] = decorate
     return decorate
 
 
-def also(id):
-    """Mark a further test of a claim: one example, one test, and all of them decide it."""
-    return CLAIMS[id]
+def control(*ids):
+    """Mark a test as the negative control of claims: with one term or assumption taken away, the
+    outcome differs.
+    """
+
+    def decorate(test):
+        _note("control", test, ids)
+        return pytest.mark.control(*ids)(test)
+
+    return decorate
+
+
+def proves(*ids, size, without):
+    """Mark a test as a proof of what claims say, by a solver, for every instance of this size.
+
+    Its second half is the negative control: `without` one assumption, or with one term changed, the
+    solver finds a counterexample, which exact fractions confirm.
+    """
+
+    def decorate(test):
+        _note("proof", test, ids, f"proved for {size} (and not without {without})")
+        return test
+
+    return decorate
+
+
+def _note(kind, test, ids, extent=""):
+    file, name = f"{test.__module__}.py", test.__name__.removeprefix("test_")
+    for id in ids:
+        CHECKS[id, file, name] = Check(id, kind, file, name, extent)
 
 
 def shows(template, *values):
     """Take down a figure that decides the claim of the running test, formatted from the values that
     the test asserted; ledger.json must have the same.
     """
+    id = current.get_closest_marker("claim").args[0]
     test, figure = current.originalname.removeprefix("test_"), Figure().format(template, *values)
-    row = current.get_closest_marker("claim").kwargs
-    row = row | {"notebooks": notebooks(row["id"]), "file": current.path.name}
-    if ("claim", row | {"figures": {test: figure}}) not in current.user_properties:
-        current.user_properties.append(("claim", row | {"figures": {test: figure}}))
+    FIGURES.setdefault(id, {})[test] = figure
     if not current.config.getoption("--ledger"):
-        known = committed().get(row["id"], {"figures": {}})
-        assert known | {"figures": known["figures"].get(test)} == row | {"figures": figure}, (
-            "ledger.json has another row for this claim; write it with --ledger"
-        )
+        known = committed().get(id, {"figures": {}})["figures"].get(test)
+        assert known == figure, "ledger.json has another figure; write it with --ledger"
 
 
 class Figure(string.Formatter):
@@ -165,11 +212,7 @@ class Figure(string.Formatter):
         return text.replace("-", "−").replace("%", " %")
 
 
-def control(*ids):
-    """Mark a test as the negative control of claims: with one term or assumption taken away, the
-    outcome differs.
-    """
-    return pytest.mark.control(*ids)
+# What places and notebooks say
 
 
 def markers(place):
@@ -193,94 +236,49 @@ def cited(text):
     ['C1', 'M3', 'T1-a']
     """
     after = " ".join(re.findall(r"\bclaims? ([^.;:)]*)", text))
-    return set(re.findall(r"\b[MRWPABCX]\d+\b|\bT\d-\w", after))
+    return set(re.findall(r"\b[MRWPABCXK]\d+\b|\bT\d-\w", after))
 
 
-@cache
-def notebooks(id):
-    """Links to the notebooks that cite a claim."""
-    return ", ".join(link(name) for name in NOTEBOOKS if id in cited(NOTEBOOKS[name]))
+CITED = {name: cited(text) for name, text in NOTEBOOKS.items()}
 
 
-def link(notebook, text=""):
-    """A link from README.md to a notebook: its number, and a text."""
-    return f"[{int(notebook[:2])}](../notebooks/{notebook}.ipynb){text}"
+# The rows
 
 
-def position(id):
-    """Where a claim stands in the ledger: ("T1-b" is the second of group T1).
-
-    >>> sorted(["T1-b", "M10", "X1", "M9", "T1-a"], key=position)
-    ['M9', 'M10', 'T1-a', 'T1-b', 'X1']
-    """
-    group, number = re.fullmatch(r"(T\d|[A-Z])-?(\w+)", id).groups()
-    return GROUPS.index(group), int(number) if number.isdigit() else ord(number)
+def checks():
+    """Every mark of every test file; those that pytest has not collected are imported."""
+    for path in sorted(HERE.glob("test_*.py")):
+        if path.stem != "test_ledger":
+            importlib.import_module(path.stem)
+    return sorted(CHECKS.values(), key=lambda check: check.file)
 
 
-def joined(found):
-    """The rows of the ledger in its order, each claim with the figures of all of its tests."""
-    rows = {}
-    for row in found:
-        known = rows.setdefault(row["id"], row)
-        rows[row["id"]] = row | {"figures": known["figures"] | row["figures"]}
-    return sorted(rows.values(), key=lambda row: position(row["id"]))
+def rows(figures):
+    """What ledger.json holds of every claim, given its figures as {id: {test: figure}}."""
+    found = checks()
+    return [_row(id, [check for check in found if check.id == id], figures) for id in CLAIMS]
 
 
-def table(rows):
-    """The ledger as a Markdown table, from the rows of ledger.json."""
-    lines = []
-    for row in rows:
-        figure, tests = "; ".join(row["figures"].values()), ", ".join(row["figures"])
-        cells = [row[name] for name in ("id", "says", "place", "verdict")]
-        cells += [figure, row["uses"], row["notebooks"], f"`{row['file']}` {tests}"]
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |\n")
-    lines += [
-        f"| {id} | {says} | {place} | not checkable: {why} | | | | |\n"
-        for id, says, place, why in NOT_CHECKABLE
-    ]
-    return HEADER + "".join(sorted(lines, key=lambda line: position(line.split(" | ")[0][2:])))
-
-
-def concordance(rows):
-    """For each numbered place of the paper: what computes it, the notebooks with a heading on it,
-    and its claims.
-    """
-    text = "| | functions | notebooks | claims |\n|---|---|---|---|\n"
-    for marker, place in PLACES.items():
-        here = [row for row in rows if marker in markers(row["place"])]
-        uses = dict.fromkeys(name for row in here for name in row["uses"].split(", ") if name)
-        headings = [
-            (name, title)
-            for name in NOTEBOOKS
-            for title in re.findall(r"^##+ (.*)", NOTEBOOKS[name], re.M)
-        ]
-        shown = [link(name, f" {title}") for name, title in headings if marker in markers(title)]
-        text += (
-            f"| {place} | {', '.join(uses)} | {'<br>'.join(shown)} |"
-            f" {', '.join(row['id'] for row in here)} |\n"
-        )
-    return text
+def _row(id, checks, figures):
+    kinds = {kind: [each for each in checks if each.kind == kind] for kind in KINDS}
+    names = {kind: [f"{each.file}::{each.test}" for each in kinds[kind]] for kind in KINDS}
+    extents = [each.extent for each in kinds["proof"]]
+    extents += sorted({each.extent for each in kinds["claim"]}, reverse=True)
+    known = figures.get(id, {})
+    return {
+        "id": id,
+        **CLAIMS[id],
+        "extents": extents,
+        "figures": {each.test: known[each.test] for each in kinds["claim"] if each.test in known},
+        "checks": names["claim"],
+        "proofs": names["proof"],
+        "controls": names["control"],
+        "notebooks": [name for name in NOTEBOOKS if id in CITED[name]],
+    }
 
 
 @cache
 def committed():
     """{id: row} of ledger.json."""
-    return {row["id"]: row for row in json.loads(ROWS.read_text(encoding="utf-8"))}
-
-
-def write(path, rows):
-    """Write ledger and concordance to a file, or into their places in README.md, and the rows to
-    ledger.json beside it.
-    """
-    path = Path(path)
-    page = path.read_text(encoding="utf-8") if path.exists() else ""
-    if BEGIN not in page:
-        page = f"{BEGIN}\n{END}\n\n{PLACES_BEGIN}\n{PLACES_END}\n"
-    for begin, end, text in (
-        (BEGIN, END, table(rows)),
-        (PLACES_BEGIN, PLACES_END, concordance(rows)),
-    ):
-        page = f"{page.split(begin)[0]}{begin}\n\n{text}\n{end}{page.split(end)[1]}"
-    path.write_text(page, encoding="utf-8")
-    content = json.dumps(rows, indent=1, ensure_ascii=False)
-    path.with_name("ledger.json").write_text(content + "\n", encoding="utf-8")
+    content = json.loads(LEDGER.read_text(encoding="utf-8"))
+    return {row["id"]: row for row in content["claims"]}

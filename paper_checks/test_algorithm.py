@@ -10,7 +10,7 @@ import paper
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import (
     GAMMA_99,
     NEW_REWARDS,
@@ -58,16 +58,7 @@ def target_predictions(agent, alphas):
     return np.array([alpha * agent.net.forward(theta, ONE_HOT)[0][2] for alpha, theta in members])
 
 
-@claim(
-    "P2",
-    place="section Ensemble Target Networks",
-    says=(
-        "the target of the ensemble is the weighted sum of its members' targets, and the maximum of"
-        " that sum counts"
-    ),
-    verdict="holds",
-    uses="gbdqn.GBDQN.learn, boosting.Ensemble.add",
-)
+@claim("P2")
 @given(st.integers(0, 10**6), st.lists(st.floats(-2, 2), max_size=3))
 def test_the_target_is_the_maximum_of_the_sum_of_targets(seed, alphas):
     """The y of a training step is r + γ max_a' Σ α_j Q̄_j(s', a')."""
@@ -101,16 +92,7 @@ def with_and_without_noise(target, updates=50):
     return runs
 
 
-@claim(
-    "P3",
-    place="section Ensemble Target Networks",
-    says="residuals are learnt against a bootstrap target that varies slowly",
-    verdict=(
-        "fails: in Algorithm 1 it stands still, and the target network of h_m is kept up but never"
-        " asked"
-    ),
-    uses="gbdqn.GBDQN.learn",
-)
+@claim("P3")
 def test_the_target_stands_still():
     """y has only Q̄_{m−1}, all of whose members are frozen, and nothing depends on θ̄_m."""
     (y, theta), (noisy_y, noisy_theta) = with_and_without_noise("frozen")
@@ -164,16 +146,7 @@ def better(agent):
     return softmax_policy(agent.q(STATE).astype(float), 1.0)[1]
 
 
-@claim(
-    "A1",
-    place="Algorithm 1, line 7",
-    says="while a booster learns, the agent acts better",
-    verdict=(
-        "fails: it acts by Q_{m−1}, so nothing that is learnt after a drift changes an action"
-        " before the next one"
-    ),
-    uses="gbdqn.GBDQN, bellman.softmax_policy",
-)
+@claim("A1")
 def test_the_policy_waits_for_the_last_line():
     """The booster has found the new rewards, and still both actions are equally likely until it is
     folded in.
@@ -226,19 +199,7 @@ def one_call(target, steps=4000, lottery=1):
     return before, agent.q(ONE_HOT), triangle(NEW_REWARDS)
 
 
-@claim(
-    "A2",
-    place="Algorithm 1",
-    says=(
-        "what one call of it makes of Q, with its own actions, priorities and weights: one Bellman"
-        " backup"
-    ),
-    verdict=(
-        "holds if every pair is visited, h_m can fit them all and each has one outcome: no weight"
-        " matters then"
-    ),
-    uses="gbdqn.GBDQN, replay.RecencyReplay, tabular.MDP.bellman",
-)
+@claim("A2")
 def test_one_call_is_one_backup():
     """Where the fit is exact it is the same under all positive weights, so behaviour and replay
     drop out.
@@ -275,16 +236,7 @@ def left_by_steps(residual, h, eta):
     return alphas, [((residual - alpha * h) ** 2).sum() for alpha in alphas]
 
 
-@claim(
-    "A3",
-    place="Algorithm 1, last line",
-    says="the booster is added with the step size α_m",
-    verdict=(
-        "ambiguous: no line computes it; Eq. 8, the shrinkage 0.1 in its place and their product"
-        " are three steps"
-    ),
-    uses="boosting.closed_form_alpha",
-)
+@claim("A3")
 def test_three_step_sizes_fit_the_last_line():
     """With a booster that fits only in part, the three leave different residuals."""
     residual, h, eta = np.array([2.0, -1.0]), np.array([1.0, 1.0]), paper.SHRINKAGE
@@ -313,16 +265,7 @@ def learners_after(*events):
     return len(agent.ensemble) + 1
 
 
-@claim(
-    "A4",
-    place="section Gradient Boosted DQN",
-    says="a booster is added when a drift is detected, and also: at each iteration",
-    verdict=(
-        "ambiguous: of an error of 1, three drifts leave 0.970, and 600 episodes as iterations"
-        " 0.0024 (γ = 0.99)"
-    ),
-    uses="gbdqn.GBDQN.on_drift, gbdqn.GBDQN.learn, tabular.MDP.bellman",
-)
+@claim("A4")
 def test_a_booster_is_added_per_drift():
     """As in the experiments: no update and no return to the stock physics adds one."""
     updates = [None] * 50
@@ -333,7 +276,7 @@ def test_a_booster_is_added_per_drift():
     shows("{} drifts and a reset: 1 + {} learners", first + 1, learners - 1)
 
 
-@also("A4")
+@claim("A4")
 def test_a_backup_per_drift_is_not_one_per_episode():
     """On one loop, what is left of an error of 1 after 3 and after 600 backups."""
     mdp, Q, errors, counts = loop(0, GAMMA_99), row(1), [], (3, 600)
@@ -366,16 +309,7 @@ def gap_left(episode_length, steps=1000, tau=0.01):
     return 1 - theta_target.item()
 
 
-@claim(
-    "A5",
-    place="Algorithm 1, lines 22–26",
-    says="the target networks are updated at each step",
-    verdict=(
-        "fails: the break at the end of an episode comes first, so episodes of one step never"
-        " update any"
-    ),
-    uses="optim.polyak, gbdqn.GBDQN.learn",
-)
+@claim("A5")
 def test_the_last_step_of_an_episode_updates_no_target():
     """The shorter the episodes, the more of the gap is left."""
     lengths, steps, tau = (1, 2, 200), 1000, 0.01
@@ -411,16 +345,7 @@ def adam_path(grads, scale, max_norm=None):
     return theta
 
 
-@claim(
-    "A6",
-    place="Algorithm 1, lines 19–21",
-    says="a loss without ½, and summed instead of averaged over the batch, trains alike",
-    verdict=(
-        "holds if Adam makes the step and no gradient is clipped; the descent of line 21 goes 2n"
-        " times as far"
-    ),
-    uses="optim.Adam.step, bellman.loss_gradient",
-)
+@claim("A6")
 @given(st.integers(1, 64), st.integers(0, 10**6))
 def test_the_printed_gradient_is_2n_times_ours(n, seed):
     """Of Σ w e² against the mean of ½ w e²."""
@@ -430,7 +355,7 @@ def test_the_printed_gradient_is_2n_times_ours(n, seed):
     shows("gradients 2n times as long")
 
 
-@also("A6")
+@claim("A6")
 @given(st.lists(st.tuples(*[st.floats(0.1, 10)] * 2), min_size=1, max_size=10))
 def test_adam_does_not_see_the_scale_of_the_loss(grads):
     """Adam's step is m̂/(√v̂ + ε), and m̂ and √v̂ both scale with the gradient."""

@@ -5,7 +5,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import GAMMA_99, ROOMS, chain, loop
 
 from gbdqn_ref.boosting import Ensemble
@@ -58,13 +58,7 @@ def counted(call):
     return rows["forward"], rows["backward"]
 
 
-@claim(
-    "M17",
-    place="section Gradient Boosted DQN",
-    says="the cost per step is about that of one DQN",
-    verdict="holds if frozen predictions are kept per transition; acting still asks every booster",
-    uses="gbdqn.GBDQN.learn, gbdqn.GBDQN.act",
-)
+@claim("M17")
 @pytest.mark.parametrize("boosters", BOOSTERS)
 def test_an_update_costs_the_same_however_many_boosters_there_are(boosters):
     """Per sample one forward pass of h_m, one of its target, one backward."""
@@ -76,7 +70,7 @@ def test_an_update_costs_the_same_however_many_boosters_there_are(boosters):
     )
 
 
-@also("M17")
+@claim("M17")
 def test_dqns_update_costs_as_much():
     """DQN's update has the same passes as that of GB-DQN."""
     agent = DQN(2, 3, Config(agent="dqn", hidden=[8], batch_size=BATCH), np.random.default_rng(0))
@@ -87,7 +81,7 @@ def test_dqns_update_costs_as_much():
     shows("DQN's update: {} and {}", forward, backward)
 
 
-@also("M17")
+@claim("M17")
 @pytest.mark.parametrize("boosters", BOOSTERS)
 def test_an_action_asks_every_booster(boosters):
     """In a state not yet asked for, the m frozen networks and the one that learns."""
@@ -130,13 +124,7 @@ def parameters(name):
     return first, agent.theta.size
 
 
-@claim(
-    "M18",
-    place="section Gradient Boosted DQN",
-    says="the boosters are light",
-    verdict="fails: in the experiments each is a network of the first one's size",
-    uses="nn.MLP, config.Config.preset",
-)
+@claim("M18")
 def test_a_booster_has_as_many_parameters_as_a_dqn():
     """On Acrobot and on Hopper, the smaller and the larger network of the paper."""
     acrobot, booster = parameters("acrobot")
@@ -164,13 +152,7 @@ def moves(agent, call):
     return not np.array_equal(theta, agent.theta), not all(same)
 
 
-@claim(
-    "M19",
-    place="section Gradient Boosted DQN",
-    says="one network trains at a time",
-    verdict="holds",
-    uses="gbdqn.GBDQN.learn, boosting.Ensemble",
-)
+@claim("M19")
 def test_only_the_newest_network_moves():
     """Five updates move its parameters, and no bit of the frozen ones."""
     agent, updates = agent_with(3), 5
@@ -189,16 +171,7 @@ def test_control_a_drift_changes_the_ensemble():
     assert moves(agent, agent.fold_in) == (False, True)
 
 
-@claim(
-    "M20",
-    place="section Gradient Boosted DQN",
-    says="frozen boosters preserve what was known",
-    verdict=(
-        "holds if their parameters are meant; as a function Q_m is another one, also where the old"
-        " physics return"
-    ),
-    uses="gbdqn.GBDQN, tabular.MDP.q_star",
-)
+@claim("M20")
 def test_what_was_known_is_kept():
     """A reset adds nothing, takes nothing away, and moves no parameter."""
     agent = agent_with(2)
@@ -206,7 +179,7 @@ def test_what_was_known_is_kept():
     shows("at a reset no parameter moves")
 
 
-@also("M20")
+@claim("M20")
 def test_what_was_known_is_no_longer_said():
     """One loop whose reward goes from 0 to 1 and back, perfect adaptation: at the reset Q is that
     of the drifted loop.
@@ -247,16 +220,7 @@ def planned(Q, boosters):
     return Q
 
 
-@claim(
-    "M21",
-    place="Eq. 1, Algorithm 1",
-    says="boosting starts from the empty ensemble",
-    verdict=(
-        "ambiguous: then Q_m = 𝒯^m 0, a plan of m steps; the experiments start from a trained"
-        " network (D8)"
-    ),
-    uses="boosting.Ensemble.q, tabular.MDP.bellman",
-)
+@claim("M21")
 def test_from_nothing_m_boosters_plan_m_steps():
     """The rooms from which the goal is m steps away or more are all alike, with either action."""
     nothing = Ensemble(MLP((3, 4, 2))).q(np.zeros((ROOMS, 3), np.float32))

@@ -5,7 +5,7 @@ import paper
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 
 from gbdqn_ref.bellman import loss_gradient, softmax_policy, td_target, weighted_loss
 from gbdqn_ref.boosting import Ensemble, closed_form_alpha
@@ -21,13 +21,7 @@ def samples(seed, n=5):
     return rng.normal(size=n), rng.normal(size=n), rng.uniform(0.1, 1, n)
 
 
-@claim(
-    "M1",
-    place="Eq. 1, Eq. 9",
-    says="the ensemble is the sum of its weighted boosters, and adding one adds its term",
-    verdict="holds",
-    uses="boosting.Ensemble",
-)
+@claim("M1")
 @given(SEEDS, st.integers(1, 5))
 def test_the_ensemble_telescopes(seed, m):
     """Q_m − Q_{m−1} = α_m h_m, and the empty sum is the zero function."""
@@ -65,13 +59,7 @@ def slopes(residual, w, step=1e-6):
     ]
 
 
-@claim(
-    "M4",
-    place="Eqs. 2–3",
-    says="the residual, weighted by w, is the negative gradient of the weighted loss",
-    verdict="holds if the target is held fixed",
-    uses="bellman.weighted_loss, bellman.loss_gradient",
-)
+@claim("M4")
 @given(SEEDS)
 def test_the_weighted_residual_is_the_gradient(seed):
     """Central differences of the mean loss (D2) over Q are −w r / B, which is loss_gradient."""
@@ -90,13 +78,7 @@ def test_control_the_unweighted_residual_is_not():
     assert not np.allclose(slopes(residual, w), unweighted, atol=1e-3)
 
 
-@claim(
-    "M8",
-    place="Eq. 6",
-    says="a weighted squared loss is the plain one of residual and learner multiplied by √w",
-    verdict="holds if w ≥ 0",
-    uses="bellman.weighted_loss",
-)
+@claim("M8")
 @given(SEEDS, st.floats(-3, 3))
 def test_a_weight_can_be_moved_inside_as_its_root(seed, alpha):
     """The plain loss of √w r and √w h is the weighted loss of r and h."""
@@ -131,13 +113,7 @@ def four_fits(r, w):
     ]
 
 
-@claim(
-    "M9",
-    place="Eq. 6, the sentence after it",
-    says="so r can take the place of w r in what the learner is fitted to",
-    verdict="fails: it does not follow, and four readings give four learners",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M9")
 def test_four_readings_of_the_weighted_fit_differ():
     """The learners are constants, so a fit is the closed-form α of the learner 1."""
     r, w = np.array([2.0, -1.0]), np.array([0.25, 1.0])
@@ -156,13 +132,7 @@ def test_control_with_equal_weights_all_agree():
     assert len(set(four_fits(np.array([2.0, -1.0]), np.ones(2)))) == 1
 
 
-@claim(
-    "M11",
-    place="Eqs. 7–8",
-    says="α = Σ r h / Σ h² minimises Σ (r − αh)²",
-    verdict="holds if h is not 0 on the whole sample, and Eq. 7 means argmin where it prints min",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M11")
 @given(SEEDS, st.floats(-2, 2))
 def test_the_closed_form_is_the_minimiser(seed, away):
     """f(α + d) − f(α) = d² Σ h², so every other step is worse."""
@@ -177,7 +147,7 @@ def rise(residual, h, alpha, away):
     return ((residual - (alpha + away) * h) ** 2).sum() - ((residual - alpha * h) ** 2).sum()
 
 
-@also("M11")
+@claim("M11")
 def test_the_minimum_and_the_argmin_are_two_numbers():
     """For an exact fit the least value is 0, and the step that reaches it is 1."""
     residual = h = np.ones(1)
@@ -196,13 +166,7 @@ def test_control_from_another_step_some_steps_are_better():
     assert rise(residual, h, alpha, closed_form_alpha(residual, h) - alpha) < 0
 
 
-@claim(
-    "M2",
-    place="Eq. 1",
-    says="the weights α_i are positive",
-    verdict="fails: Eq. 8 gives any sign",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M2")
 def test_the_closed_form_can_be_negative():
     """A booster with the sign of the residual turned round has a negative weight."""
     residual, h = np.array([-1.0]), np.array([1.0])
@@ -211,7 +175,7 @@ def test_the_closed_form_can_be_negative():
     shows("r = {}, h = {}: α = {}", residual, h, alpha)
 
 
-@also("M2")
+@claim("M2")
 def test_the_closed_form_can_be_0():
     """Where the booster is orthogonal to the residual."""
     alpha = closed_form_alpha(np.array([1.0, 1.0]), np.array([1.0, -1.0]))
@@ -224,7 +188,7 @@ def no_worse_than_none(residual, h):
     return ((residual - h) ** 2).sum() <= (residual**2).sum()
 
 
-@also("M2")
+@claim("M2")
 @given(SEEDS, st.floats(-2, 2))
 def test_a_learner_no_worse_than_none_has_alpha_of_at_least_half(seed, size):
     """Σ (r − h)² − Σ r² = (1 − 2α) Σ h², so h fits no worse than 0 does where α ≥ ½."""
@@ -246,13 +210,7 @@ def test_control_a_learner_worse_than_none_can_have_less():
     assert closed_form_alpha(residual, h) == pytest.approx(1 / 3)
 
 
-@claim(
-    "M12",
-    place="Eq. 8",
-    says="the same α serves the loss with importance weights",
-    verdict="fails: it can raise the weighted loss; A_w/B_w minimises it",
-    uses="boosting.closed_form_alpha, bellman.weighted_loss",
-)
+@claim("M12")
 def test_the_unweighted_alpha_can_raise_the_weighted_loss():
     """h is the exact weighted fit of a constant; Σ w r² is twice the mean loss times B."""
     r, w = np.array([2.0, -1.0]), np.array([0.25, 1.0])
@@ -281,13 +239,7 @@ def test_control_the_weighted_alpha_lowers_it(seed):
     assert fall == pytest.approx((w * residual * h).sum() ** 2 / (w * h * h).sum(), abs=1e-9)
 
 
-@claim(
-    "M16",
-    place="section Gradient Boosted DQN",
-    says="the softmax policy is a distribution that prefers larger Q",
-    verdict="holds if τ > 0",
-    uses="bellman.softmax_policy",
-)
+@claim("M16")
 @given(SEEDS, st.floats(0.01, 10), st.floats(-100, 100))
 def test_the_softmax_policy(seed, temperature, shift):
     """It sums to 1, ignores shifts of Q, keeps its order, and earns at least max Q − τ ln |A|."""
@@ -308,13 +260,7 @@ def test_control_a_temperature_of_0_or_less_is_no_policy():
             softmax_policy(np.array([0.0, 1.0]), temperature)
 
 
-@claim(
-    "P1",
-    place="section Ensemble Target Networks",
-    says="target networks follow by Polyak averaging",
-    verdict="holds",
-    uses="optim.polyak",
-)
+@claim("P1")
 @given(SEEDS, st.floats(0, 1), st.integers(0, 30))
 def test_the_target_closes_the_gap_geometrically(seed, tau, k):
     """After k updates a part (1 − τ)^k of the gap is left."""
@@ -328,7 +274,7 @@ def test_the_target_closes_the_gap_geometrically(seed, tau, k):
     shows("θ̄_k = (1 − τ)^k θ̄_0 + (1 − (1 − τ)^k) θ")
 
 
-@also("P1")
+@claim("P1")
 def test_half_of_the_gap_is_left_after_69_updates():
     """At the printed τ, counted."""
     tau, target, updates = 0.01, np.zeros(1), 0
@@ -354,13 +300,7 @@ def targets(q_next):
     return td_target(r, np.array([True, False]), np.array([q_next, q_next]), paper.GAMMA)
 
 
-@claim(
-    "P4",
-    place="section Ensemble Target Networks, Algorithm 1",
-    says="y = r + γ max Q̄(s′, ·) is the target of every transition",
-    verdict="fails: where s′ is terminal it counts a value that is never learnt",
-    uses="bellman.td_target",
-)
+@claim("P4")
 def test_a_terminal_transition_must_not_bootstrap():
     """The value of the reward alone, and the printed target, which adds γ max Q̄."""
     q_next = [-50.0, -60.0]

@@ -1,65 +1,87 @@
-"""The ledger itself: every claim has one check and a negative control, and names only what
-exists.
+"""The ledger itself: every claim has a check and a negative control, the page is what claims and
+figures give, and both name only what exists.
 """
 
 import ast
 import importlib
+import json
 import re
-from pathlib import Path
 
 import ledger
+import page
 import pytest
 
-FILES = sorted(Path(__file__).parent.glob("test_*.py"))
-ROWS, MISSING = ledger.committed(), {id for id, *_ in ledger.NOT_CHECKABLE}
-CONCORDANCE = (
-    ledger.README.read_text(encoding="utf-8")
-    .split(ledger.PLACES_BEGIN)[1]
-    .split(ledger.PLACES_END)[0]
-)
+IDS = list(ledger.CLAIMS)
+ROWS = ledger.rows({id: row["figures"] for id, row in ledger.committed().items()})
+PAGE = page.PAGE.read_text(encoding="utf-8")
+NAMED = {  # verdict: the field that it asks for
+    "holds with an assumption": "assumption",
+    "fails": "counterexample",
+    "not checkable": "decides",
+    "conceded": "decides",
+}
+MENDED = ("fails", "ambiguous", "misprint")
 
 
-def decorators(name):
-    """(file, function, arguments) of every decorator of this name in the checks."""
-    for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            for call in getattr(node, "decorator_list", []):
-                if isinstance(call, ast.Call) and getattr(call.func, "id", "") == name:
-                    arguments = call.args + [keyword.value for keyword in call.keywords]
-                    yield (
-                        path.name,
-                        node.name,
-                        [ast.literal_eval(argument) for argument in arguments],
-                    )
+def test_the_committed_ledger_is_what_claims_and_checks_give():
+    """All but the figures, which each test compares."""
+    content = json.loads(ledger.LEDGER.read_text(encoding="utf-8"))
+    assert content == {"claims": ROWS, "coverage": ledger.COVERAGE}
 
 
-CLAIMS, CONTROLS = list(decorators("claim")), list(decorators("control"))
-TESTS = CLAIMS + list(decorators("also"))
+def test_the_page_is_what_the_ledger_gives():
+    """Count, table, sections, concordance and coverage."""
+    content = {"claims": ROWS, "coverage": ledger.COVERAGE}
+    assert page.renewed(PAGE, content) == PAGE
+    assert all(PAGE.count(f"<!-- {name} -->") == 1 for name in page.blocks(content))
 
 
-def test_the_committed_ledger_has_the_claims_of_the_checks_and_no_others():
-    """Each of them once."""
-    assert sorted(arguments[0] for _, _, arguments in CLAIMS) == sorted(ROWS)
+def test_every_id_is_used_once():
+    """A second table of the same id, in another file, would hide the first."""
+    text = "\n".join(path.read_text(encoding="utf-8") for path in ledger.FILES)
+    assert sorted(re.findall(r"^\[([^\[\]]+)\]$", text, re.M)) == sorted(IDS)
 
 
-def test_the_page_has_the_table_that_the_rows_give():
-    """README.md shows what ledger.json holds."""
-    page = ledger.README.read_text(encoding="utf-8")
-    assert page.split(ledger.BEGIN)[1].split(ledger.END)[0].strip() == (
-        ledger.table(ROWS.values()).strip()
-    )
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_a_claim_has_the_fields_that_its_verdict_asks_for(row):
+    """And no field that the page does not print."""
+    claim = ledger.CLAIMS[row["id"]]
+    assert claim.keys() <= ledger.FIELDS.keys() and {"place", "claim", "verdict"} <= claim.keys()
+    assert claim["verdict"] in ledger.VERDICTS
+    assert claim.get("charitable_verdict", "holds") in ledger.VERDICTS
+    assert ("charitable" in claim) == ("charitable_verdict" in claim)
+    assert claim.get(NAMED.get(claim["verdict"], "claim"))
+    assert claim.get("mend") or claim["verdict"] not in MENDED
 
 
-@pytest.mark.parametrize("id", ROWS)
-def test_a_row_has_the_figures_of_all_its_tests(id):
-    """Of each test that is marked with its id, and of no other."""
-    tests = {(path, name.removeprefix("test_")) for path, name, ids in TESTS if ids[0] == id}
-    assert tests == {(ROWS[id]["file"], test) for test in ROWS[id]["figures"]}
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_a_claim_has_a_check_with_a_figure_and_a_negative_control(row):
+    """Each of its checks shows a figure, and only an unchecked claim has none."""
+    assert list(row["figures"]) == [check.split("::")[1] for check in row["checks"]]
+    if row["verdict"] not in ledger.UNCHECKED:
+        assert row["checks"] and row["controls"]
+
+
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_every_figure_that_a_text_names_is_there(row):
+    """A {name_of_a_test} that is none would be printed as it stands."""
+    texts = " ".join(str(value) for value in ledger.CLAIMS[row["id"]].values())
+    assert set(re.findall(r"{([a-z]\w+_\w+)}", texts)) <= row["figures"].keys()
+
+
+def test_every_mark_names_a_claim():
+    """Also those of controls and proofs; at least twenty claims are proved."""
+    found = ledger.checks()
+    assert {check.id for check in found} <= ledger.CLAIMS.keys()
+    assert len({check.id for check in found if check.kind == "proof"}) >= 20
+
+
+# The figures
 
 
 def shown():
     """(file and line, (template, its values)) of every figure."""
-    for path in FILES:
+    for path in sorted(ledger.HERE.glob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "shows":
                 template, *values = node.args
@@ -81,16 +103,13 @@ def test_no_figure_is_typed(template, values):
     assert not any(isinstance(value, ast.Constant) for value in values)
 
 
-def test_every_claim_has_a_negative_control():
-    """At least one test is marked as the control of each id."""
-    controlled = {id for _, _, ids in CONTROLS for id in ids}
-    assert {arguments[0] for _, _, arguments in CLAIMS} == controlled
+# What the ledger names
 
 
-@pytest.mark.parametrize("id", ROWS)
-def test_every_function_that_is_named_exists(id):
+@pytest.mark.parametrize("row", ROWS, ids=IDS)
+def test_every_function_that_is_named_exists(row):
     """In the package, under that name."""
-    for name in filter(None, ROWS[id]["uses"].split(", ")):
+    for name in row.get("uses", []):
         module, _, path = name.partition(".")
         thing = importlib.import_module(f"gbdqn_ref.{module}")
         for part in path.split("."):
@@ -99,22 +118,20 @@ def test_every_function_that_is_named_exists(id):
 
 @pytest.mark.parametrize("notebook", ledger.NOTEBOOKS)
 def test_every_claim_that_a_notebook_cites_is_in_the_ledger(notebook):
-    """With a check, or as not checkable."""
-    assert ledger.cited(ledger.NOTEBOOKS[notebook]) <= ROWS.keys() | MISSING
+    assert ledger.CITED[notebook] <= ledger.CLAIMS.keys()
 
 
-def test_every_claim_is_cited_in_a_notebook():
-    """No check is without a place where it is explained."""
-    shown = set().union(*map(ledger.cited, ledger.NOTEBOOKS.values()))
-    assert {arguments[0] for _, _, arguments in CLAIMS} <= shown
+def test_every_link_within_the_page_has_its_anchor():
+    anchors = re.findall(r'<a id="([^"]+)"></a>', PAGE)
+    assert len(anchors) == len(set(anchors)) == len(IDS)
+    assert set(re.findall(r"\]\(#([\w-]+)\)", PAGE)) <= set(anchors)
 
 
 @pytest.mark.parametrize("marker", ledger.PLACES)
 def test_every_numbered_place_has_a_claim_a_function_and_a_notebook(marker):
     """No cell of the concordance is empty."""
-    row = next(
-        line for line in CONCORDANCE.splitlines() if line.startswith(f"| {ledger.PLACES[marker]} |")
-    )
+    lines = page.concordance(ROWS).splitlines()
+    row = next(line for line in lines if line.startswith(f"| {ledger.PLACES[marker]} |"))
     assert all(cell.strip() for cell in row.split("|")[1:-1])
 
 
@@ -126,17 +143,11 @@ def test_every_line_of_algorithm_1_is_in_the_notebook_on_it():
     assert sorted(n for span in spans for n in range(span[0], span[-1] + 1)) == list(range(1, 30))
 
 
-def test_the_committed_concordance_is_that_of_ledger_and_notebooks():
-    """README.md shows what rows and headings give."""
-    assert CONCORDANCE.strip() == ledger.concordance(ROWS.values()).strip()
-
-
 def test_every_section_that_is_named_is_one_of_the_paper():
     """By its heading."""
-    places = [row["place"] for row in ROWS.values()]
-    for place in places + [place for _, _, place, _ in ledger.NOT_CHECKABLE]:
-        for name in re.findall(r"section (.+?)(?:, |$)", place):
-            assert re.sub(r" Algorithm 1.*", "", name) in ledger.SECTIONS, place
+    for claim in ledger.CLAIMS.values():
+        for name in re.findall(r"section (.+?)(?:, |$)", claim["place"]):
+            assert re.sub(r" Algorithm 1.*", "", name) in ledger.SECTIONS, claim["place"]
 
 
 def test_the_places_give_the_markers():
@@ -145,22 +156,37 @@ def test_the_places_give_the_markers():
     assert ledger.markers("Algorithm 1, line 17") == ["algorithm1"]
 
 
-def test_a_row_is_written_into_its_place_and_read_again(tmp_path, monkeypatch):
-    """The text around it stays, and a bar in a cell is escaped."""
-    fields = ("place", "says", "verdict", "uses", "notebooks", "file")
-    row = dict.fromkeys(fields, "x") | {"id": "M1", "figures": {"a_test": "|1 − α| ≤ 1"}}
-    page = tmp_path / "README.md"
-    places = f"{ledger.PLACES_BEGIN}\nold\n{ledger.PLACES_END}"
-    page.write_text(f"before\n{ledger.BEGIN}\nold\n{ledger.END}\n{places}\nafter\n")
-    monkeypatch.setattr(ledger, "ROWS", tmp_path / "ledger.json")
-    monkeypatch.setattr(ledger, "NOT_CHECKABLE", ())
-    ledger.write(page, [row])
-    assert ledger.committed.__wrapped__() == {"M1": row}
-    assert page.read_text().startswith("before\n") and page.read_text().endswith("\nafter\n")
-    assert "| \\|1 − α\\| ≤ 1 |" in page.read_text() and "\nold\n" not in page.read_text()
+# The paper, paragraph by paragraph
 
 
-def test_a_claim_has_the_figures_of_all_its_tests():
-    """In the order in which they ran."""
-    rows = ledger.joined([{"id": "M1", "figures": {name: name}} for name in "ab"])
-    assert rows == [{"id": "M1", "figures": {"a": "a", "b": "b"}}]
+def test_every_paragraph_has_claims_or_a_reason_and_every_claim_a_paragraph():
+    """Sections in the paper's order, and paragraphs counted without a gap."""
+    expected = 0, 1
+    for each in ledger.COVERAGE:
+        assert bool(each.get("ids")) != bool(each.get("none")), each
+        assert len(each["begins"].split()) <= 8
+        section, number = ledger.SECTIONS.index(each["section"]), each["number"]
+        assert (section, number) in (expected, (expected[0] + 1, 1)), each
+        expected = section, number + 1
+    assert {id for each in ledger.COVERAGE for id in each.get("ids", [])} == set(IDS)
+    assert {each["section"] for each in ledger.COVERAGE} == set(ledger.SECTIONS)
+
+
+# How it is written
+
+
+def test_a_page_is_written_into_its_place_and_read_again(tmp_path, monkeypatch):
+    """The text around it stays, what a run has shown replaces what was there, the rest is kept, and
+    a bar in a cell is escaped.
+    """
+    monkeypatch.setattr(page, "PAGE", tmp_path / "README.md")
+    monkeypatch.setattr(ledger, "LEDGER", tmp_path / "ledger.json")
+    monkeypatch.setattr(ledger, "committed", lambda: {row["id"]: row for row in ROWS})
+    page.PAGE.write_text("before\n<!-- table -->\nold\n<!-- /table -->\nafter\n")
+    test = next(iter(ROWS[0]["figures"]))
+    page.write({IDS[0]: {test: "new"}})
+    first, *others = json.loads(ledger.LEDGER.read_text())["claims"]
+    assert first["figures"][test] == "new" and others == ROWS[1:]
+    text = page.PAGE.read_text()
+    assert text.startswith("before\n") and text.endswith("\nafter\n") and "\nold\n" not in text
+    assert "\\|δ\\|" in text and text.count("\n| [") == len(ROWS)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import GAMMA_99, ROOMS, chain, exact, funnel, loop, random_mdp, row
 
 from gbdqn_ref.tabular import MDP
@@ -103,16 +103,7 @@ def boosted(reading, mdp, Q, boosts, eta=ETA):
 #   live_deployed   Q' − Q* = (1 − η)(Q − Q*).
 
 
-@claim(
-    "B5",
-    place="Algorithm 1",
-    says=(
-        "each reading of Algorithm 1 has its own guarantee: the part κ of ‖Q − Q*‖∞ that a perfect"
-        " booster may leave"
-    ),
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("B5")
 @pytest.mark.parametrize("reading", READINGS)
 @given(seed=st.integers(0, 10**6), gamma=gammas, eta=etas)
 def test_each_reading_has_its_own_modulus(reading, seed, gamma, eta):
@@ -148,13 +139,7 @@ def test_control_too_long_a_step_guarantees_nothing(alpha):
     assert (left > READINGS[damped](GAMMA_99, alpha)) == (alpha > 1)
 
 
-@claim(
-    "B6",
-    place="Algorithm 1",
-    says="no smaller factors than those of B5 can be guaranteed",
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("B6")
 @pytest.mark.parametrize("reading", READINGS)
 @given(
     gamma=st.fractions(0, F(99, 100), max_denominator=100),
@@ -168,7 +153,7 @@ def test_one_loop_attains_every_modulus(reading, gamma, eta):
     shows("exactly κ of the error is left on one loop, for each reading, γ and η")
 
 
-@also("B6")
+@claim("B6")
 def test_what_three_boosters_leave_on_the_loop():
     """With the paper's γ and η, exactly κ³ of the error at the drift."""
     mdp, boosts = loop(1, GAMMA_99), 3
@@ -201,16 +186,7 @@ def boosts_until(reading, gamma, parts, eta=0.1):
     return counts
 
 
-@claim(
-    "B7",
-    place="section Experimental Results",
-    says="three drifts, hence three boosters, are enough to adapt",
-    verdict=(
-        "fails: unless the target is live and the loss on α h, even halving the error can take 7 to"
-        " 693 of them"
-    ),
-    uses="tabular.MDP",
-)
+@claim("B7")
 def test_how_many_boosters_it_takes():
     """The first k with κ^k ≤ 1/2, and with κ^k ≤ 1/100."""
     parts, gamma, eta = (0.5, 0.01), 0.99, 0.1
@@ -260,16 +236,7 @@ def drifted(seed, states=6):
 # nor Q at the pairs that may follow, which are k steps away or more, has changed.
 
 
-@claim(
-    "B8",
-    place="section Methodology",
-    says="a booster corrects only where the drift has left errors: it adapts locally",
-    verdict=(
-        "holds if targets are frozen, for a table: and so what has drifted is felt one step further"
-        " per booster"
-    ),
-    uses="tabular.MDP",
-)
+@claim("B8")
 @given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([F(1), F(1, 10)]))
 def test_a_booster_carries_the_news_one_step(seed, boosts, eta):
     """Q_k = Q_0 at every pair that is k steps or more from the pairs with a residual."""
@@ -316,16 +283,7 @@ def boosts_until_right(reading):
     return boosts
 
 
-@claim(
-    "B9",
-    place="section Methodology",
-    says="a booster per drift lets the policy adapt rapidly",
-    verdict=(
-        "fails: to the letter, ten states in a row whose goal changes ends need 18 boosters,"
-        " shrunk 129"
-    ),
-    uses="tabular.MDP",
-)
+@claim("B9")
 def test_the_chain_needs_as_many_boosters_as_the_news_needs_steps_and_more():
     """The goal moves from the left end to the right one, and the greedy policy has to find out."""
     counts = [boosts_until_right(reading) for reading in (letter, damped)]
@@ -336,7 +294,7 @@ def test_the_chain_needs_as_many_boosters_as_the_news_needs_steps_and_more():
     )
 
 
-@also("B9")
+@claim("B9")
 def test_after_three_boosters_the_middle_is_untouched():
     """No value there has changed."""
     (_, Q), (new, _), boosts = ends(0), ends(ROOMS - 1), 3
@@ -366,16 +324,7 @@ def errors_under_drifts(reading, Q, drifts=3):
     return errors
 
 
-@claim(
-    "B10",
-    place="Algorithm 1",
-    says="one booster per drift keeps up with drifts that go on",
-    verdict=(
-        "fails: if every drift moves Q* by Δ the error may grow to κΔ/(1 − κ): 99 Δ at γ = 0.99,"
-        " shrunk 999 Δ"
-    ),
-    uses="tabular.MDP",
-)
+@claim("B10")
 def test_after_three_drifts_nearly_all_of_them_are_left():
     """κ + κ² + κ³ of the Δ of a drift."""
     drifts, left = 3, []
@@ -392,7 +341,7 @@ def test_after_three_drifts_nearly_all_of_them_are_left():
     )
 
 
-@also("B10")
+@claim("B10")
 @pytest.mark.parametrize("reading", [letter, damped])
 def test_one_booster_per_drift_lags_behind(reading):
     """From an error of κ/(1 − κ) on, the error never changes."""
@@ -439,13 +388,7 @@ def errors_with_steps(alphas, gamma=F(1, 2)):
 # Below, γ = ½: Π (1 − 1/(j + 1)²) = (m + 2)/(2 (m + 1)) → ½, and Π (1 − 1/(j + 1)) = 1/(m + 1) → 0.
 
 
-@claim(
-    "B11",
-    place="Theorem 2",
-    says="perfect boosters with steps α_m in (0, 1] lead to Q* from everywhere",
-    verdict="holds if and only if Σ α_m = ∞ (0 < γ)",
-    uses="tabular.MDP",
-)
+@claim("B11")
 @given(st.integers(0, 10**6), gammas, st.lists(st.floats(0.01, 1), min_size=1, max_size=20))
 def test_the_error_falls_with_the_sum_of_the_steps(seed, gamma, alphas):
     """On random MDPs it is at most e^{−(1 − γ) Σ α} of the first error."""
@@ -458,7 +401,7 @@ def test_the_error_falls_with_the_sum_of_the_steps(seed, gamma, alphas):
     shows("random MDPs: e_m ≤ e^{{−(1 − γ) Σ α}} e_0")
 
 
-@also("B11")
+@claim("B11")
 def test_steps_with_a_finite_sum_stop_halfway():
     """On the loop, with α_m = 2/(m + 1)²."""
     gamma, limit, m = F(1, 2), F(1, 2), range(1, 51)
@@ -472,7 +415,7 @@ def test_steps_with_a_finite_sum_stop_halfway():
     )
 
 
-@also("B11")
+@claim("B11")
 def test_steps_with_an_infinite_sum_go_all_the_way():
     """On the loop, with α_m = 2/(m + 1)."""
     m = range(1, 51)
@@ -502,13 +445,7 @@ MISS = F(1, 10)
 # Never more than ε/(1 − γ): e_m ≤ (1 − α(1 − γ)) e_{m−1} + α ε, whose fixed point that is.
 
 
-@claim(
-    "B12",
-    place="Theorem 4, part 2",
-    says="small steps make up for boosters that miss the residual by ε",
-    verdict="fails: for every α in (0, 1] the error may end at ε/(1 − γ), and never at more",
-    uses="tabular.MDP",
-)
+@claim("B12")
 @given(st.fractions(F(1, 100), 1, max_denominator=100), st.integers(-50, 50))
 def test_a_lasting_miss_costs_the_same_under_every_step(alpha, start):
     """On the loop: the gap to Q* + ε/(1 − γ) keeps 1 − α(1 − γ) at each booster, whatever α."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import (
     exact,
     filled,
@@ -36,13 +36,7 @@ from gbdqn_ref.tabular import MDP
 # What off-policy learning excuses
 
 
-@claim(
-    "R1",
-    place="section Recency and TD-error",
-    says="data of any behaviour policy will do for one-step Q-learning",
-    verdict="holds if Q stands still and all of the data have the same physics",
-    uses="bellman.td_target, tabular.MDP.bellman",
-)
+@claim("R1")
 @given(st.integers(0, 10**6))
 def test_the_mean_target_of_a_pair_is_its_backup_whatever_the_behaviour(seed):
     """E[y | s, a] = (𝒯Q)(s, a): how often a pair is visited cancels, for the next state depends on
@@ -91,16 +85,7 @@ def fixed_point_of_the_buffer(rewards, backups=200):
     return Q
 
 
-@claim(
-    "R2",
-    place="section Recency and TD-error",
-    says="since Q-learning is off-policy, learning from the shared buffer is unbiased",
-    verdict=(
-        "fails: what is excused is the choice of actions; old physics, draws by |δ| and the max all"
-        " bias"
-    ),
-    uses="replay.ProportionalReplay, bellman.td_target, tabular.MDP.bellman",
-)
+@claim("R2")
 def test_old_physics_bias_the_fixed_point():
     """Half of the buffer is from before a drift of the reward from 0 to 1."""
     half_old, right = fixed_point_of_the_buffer([0, 1]), loop(1, F(9, 10)).q_star().item()
@@ -117,7 +102,7 @@ def fitted_to_a_lottery(is_exponent, rewards=(0,) * 9 + (10,)):
     return fitted(replay, replay.r), np.mean(rewards)
 
 
-@also("R2")
+@claim("R2")
 def test_draws_by_error_favour_the_lucky_outcomes():
     """The δ of Q_{m−1} = 0 draws them more, and only full importance weights undo it."""
     exponent = 0.5
@@ -134,7 +119,7 @@ def mean_of_the_largest(noise, actions):
     return gamma, y.mean()
 
 
-@also("R2")
+@claim("R2")
 def test_the_maximum_takes_the_lucky_noise():
     """Of two noises ±1 the larger one has mean ½."""
     noise = exact(1, -1)
@@ -174,13 +159,7 @@ def drawn(delta, **settings):
     return with_errors(ProportionalReplay(len(delta), 1, **settings), delta).probabilities()
 
 
-@claim(
-    "R3",
-    place="section Recency and TD-error",
-    says="weighted sampling emphasises the transitions that the ensemble predicts well",
-    verdict="fails: the priority rises with |δ|, so it emphasises those that it predicts badly",
-    uses="replay.ProportionalReplay, replay.td_priority",
-)
+@claim("R3")
 @given(st.floats(0, 100), st.floats(0.01, 100), st.floats(0.1, 2))
 def test_the_priority_rises_with_the_error(small, more, exponent):
     """Whatever its sign; the same section says so a paragraph later."""
@@ -189,7 +168,7 @@ def test_the_priority_rises_with_the_error(small, more, exponent):
     shows("p^TD rises with |δ|")
 
 
-@also("R3")
+@claim("R3")
 def test_the_worse_predicted_is_drawn_more():
     """With the package's offset and exponent."""
     delta, offset, exponent = (0.0, 1.0), 0.01, 0.6
@@ -220,16 +199,7 @@ def stale_mass(Q, mix):
     return abs(delta[:OLD]).max(), abs(delta[OLD:]).max(), replay.probabilities()[:OLD].sum()
 
 
-@claim(
-    "R4",
-    place="section Recency and TD-error",
-    says="after a drift the old data have a high prediction error and the new ones a low one",
-    verdict=(
-        "fails: at the drift it is the reverse; it is true of an adapted Q, and then |δ| draws the"
-        " old data"
-    ),
-    uses="replay.RecencyReplay, bellman.td_target, tabular.MDP",
-)
+@claim("R4")
 def test_the_old_data_have_no_error_until_q_has_adapted():
     """The loop's reward drifts from 0 to 1. Priorities by |δ| help before Q has adapted and hurt
     afterwards, when the old data have nearly all of the draws.
@@ -289,16 +259,7 @@ def deltas(target, updates):
     return [float(agent.learn()[0]) for _ in range(updates)]
 
 
-@claim(
-    "R5",
-    place="section Recency and TD-error, Algorithm 1 lines 16–18",
-    says="δ is time-varying, and says what is left to learn",
-    verdict=(
-        "fails: within a stage it is a constant, for it has Q_{m−1} and not h_m; only with a live"
-        " target it is not"
-    ),
-    uses="gbdqn.GBDQN, replay.td_priority, bellman.loss_gradient",
-)
+@claim("R5")
 def test_the_td_error_stands_still_while_the_booster_learns():
     """Nothing in it moves until the next booster."""
     delta = deltas("frozen", 500)
@@ -306,7 +267,7 @@ def test_the_td_error_stands_still_while_the_booster_learns():
     shows("{} updates leave δ the same to the bit", len(delta))
 
 
-@also("R5")
+@claim("R5")
 def test_what_is_learnt_is_still_drawn():
     """The booster fits the larger residual exactly, which still has the higher priority."""
     residual, h = exact(5, 1), exact(5, 0)
@@ -316,13 +277,7 @@ def test_what_is_learnt_is_still_drawn():
     shows("residuals ({}), h = ({}): P = ({}), gradients {} and {:/}", residual, h, P, *gradient)
 
 
-@claim(
-    "R14",
-    place="section Algorithm, Algorithm 1 line 18",
-    says="priorities are updated after the gradient step (text) or before it (Algorithm 1)",
-    verdict="ambiguous: but it is all one where δ does not have h_m in it",
-    uses="gbdqn.GBDQN.learn",
-)
+@claim("R14")
 def test_before_or_after_the_step_is_all_one():
     """The second δ is what the first would have been after its step."""
     before, after = deltas("frozen", 2)
@@ -342,13 +297,7 @@ LARGEST = 1e300
 magnitudes = st.one_of(st.just(0.0), st.floats(1 / LARGEST, LARGEST))
 
 
-@claim(
-    "R6",
-    place="section Recency and TD-error",
-    says="p^TD = (|δ| + ε)^γ grows with |δ|, whatever its sign, and leaves no transition out",
-    verdict="holds if ε > 0 and the exponent is positive",
-    uses="replay.td_priority, replay.ProportionalReplay.probabilities",
-)
+@claim("R6")
 @given(magnitudes, magnitudes, st.floats(1e-3, 1), st.floats(0.1, 1))
 def test_the_td_priority(one, other, offset, exponent):
     """It is at least ε^γ, even and nondecreasing, over the whole range of floats."""
@@ -369,13 +318,7 @@ def test_control_without_an_offset_a_transition_is_never_drawn_again():
     assert drawn((0.0, 1.0), priority_offset=0.0).tolist() == [0, 1]
 
 
-@claim(
-    "R7",
-    place="section Recency and TD-error",
-    says="prioritized replay draws in proportion to |δ|",
-    verdict="holds if the exponent is 1 and ε = 0",
-    uses="replay.td_priority",
-)
+@claim("R7")
 @given(st.lists(st.fractions(-100, 100), min_size=1, max_size=6).filter(any))
 def test_per_is_proportional_to_the_td_error(delta):
     """P Σ |δ| = |δ|, in fractions."""
@@ -391,7 +334,7 @@ def draws_of_twice_the_error(offset, exponent):
     return two / one
 
 
-@also("R7")
+@claim("R7")
 def test_with_the_usual_constants_it_is_not():
     """An offset and an exponent below 1 both bend it."""
     offset, exponent = 0.01, 0.6
@@ -415,16 +358,7 @@ def test_control_an_offset_or_an_exponent_bends_it(offset, exponent, ratio):
 # The clock and its rate
 
 
-@claim(
-    "R8",
-    place="section Recency and TD-error, Algorithm 1 line 12",
-    says="p^time = e^{−α(T − t)} lies in (0, 1] and is less for older data",
-    verdict=(
-        "holds if t counts the steps of the whole run, where Algorithm 1 stores the step within the"
-        " episode"
-    ),
-    uses="replay.time_priority, replay.RecencyReplay.age",
-)
+@claim("R8")
 @given(st.integers(1, 60), st.integers(1, 20), st.floats(1e-6, 10))
 def test_the_time_priority_with_a_clock_of_the_whole_run(added, capacity, rate):
     """The ring's age is T − t in transitions added: 0 for the newest, N − 1 for the oldest."""
@@ -442,7 +376,7 @@ def by_the_step_within_the_episode(steps, now, rate=0.01):
     return time_priority(now - np.array(steps), rate)
 
 
-@also("R8")
+@claim("R8")
 def test_to_the_letter_an_old_step_is_above_1():
     """The last step of a long episode, when the next one begins."""
     last, now, rate = 500, 1, 0.01
@@ -472,15 +406,7 @@ def mass_on_the_newest(k, n, mix, rate):
     return replay.probabilities()[-k:].sum()
 
 
-@claim(
-    "R9",
-    place="section Recency and TD-error",
-    says="a larger α emphasises recent transitions more",
-    verdict=(
-        "fails: in the mixture too large an α leaves recency few draws; it is true of P^time alone"
-    ),
-    uses="replay.mixed_priority, replay.RecencyReplay.probabilities",
-)
+@claim("R9")
 def test_a_larger_rate_can_mean_less_recency():
     """Three transitions of equal |δ|: as e^{−α} falls, the newest two first get more of the draws
     and then less.
@@ -498,7 +424,7 @@ def test_a_larger_rate_can_mean_less_recency():
     )
 
 
-@also("R9")
+@claim("R9")
 def test_in_a_buffer_of_1000_too():
     """The share of the newest 10 rises with the rate, and falls again."""
     n, newest, rates = 1000, 10, (0.001, 0.1, 10)
@@ -518,16 +444,7 @@ def test_control_pure_recency_does_as_it_says(k, more, rate, faster):
 # What is stored, and its sum
 
 
-@claim(
-    "R11",
-    place="Eq. 11",
-    says="P sums to 1",
-    verdict=(
-        "holds if some p is positive: with β < 1 always, as the newest has p^time = 1, else with ε"
-        " > 0 or a δ ≠ 0"
-    ),
-    uses="replay.RecencyReplay.probabilities",
-)
+@claim("R11")
 @given(st.integers(1, 40), st.integers(0, 10**6), st.floats(0, 1), st.floats(0, 1e4))
 def test_the_probabilities_sum_to_1(n, seed, mix, rate):
     """Also at β = 0 with a rate at which every p^time but the newest underflows to 0."""
@@ -562,16 +479,7 @@ def with_a_new_one(replay, old_deltas):
     return filled(with_errors(replay, old_deltas), [0])
 
 
-@claim(
-    "R13",
-    place="section Recency and TD-error, Algorithm 1 line 11",
-    says="a new transition enters with maximal priority",
-    verdict=(
-        "ambiguous: so the text; Algorithm 1 gives it the priority of its own TD error, which can"
-        " be the least"
-    ),
-    uses="replay.RecencyReplay, replay.ProportionalReplay.add",
-)
+@claim("R13")
 @given(st.lists(st.floats(-100, 100), min_size=1, max_size=8))
 def test_a_new_transition_enters_at_the_top(old_deltas):
     """With the largest TD priority seen so far, as the package does it (D4), none is drawn more."""
@@ -590,7 +498,7 @@ def part_of_the_new_one(own_delta=None):
     return replay.probabilities()[1]
 
 
-@also("R13")
+@claim("R13")
 def test_by_its_own_error_it_can_enter_anywhere():
     """Below the other one where its error is 0, above it where its error is larger."""
     small, large = 0.0, 10.0
@@ -623,16 +531,7 @@ def ending(name, action):
     return terminated, truncated, s
 
 
-@claim(
-    "R15",
-    place="section Recency and TD-error",
-    says="done means that the agent has reached the goal",
-    verdict=(
-        "fails: on CartPole and Hopper it means failure, and a time limit ends an episode without"
-        " either"
-    ),
-    uses="drift.make, bellman.td_target",
-)
+@claim("R15")
 @pytest.mark.parametrize("name", ["cartpole", "hopper"])
 def test_done_can_be_a_failure(name):
     """Pushed left the pole falls, left alone the hopper does."""
@@ -641,7 +540,7 @@ def test_done_can_be_a_failure(name):
     shows("CartPole and Hopper end by a fall")
 
 
-@also("R15")
+@claim("R15")
 @pytest.mark.parametrize("name", ["mountaincar", "acrobot"])
 def test_done_can_be_the_clock(name):
     """Doing nothing takes neither to its goal, and there y must bootstrap."""

@@ -9,7 +9,7 @@ import paper
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import loop, row
 
 from gbdqn_ref.bellman import loss_gradient, td_target, weighted_loss
@@ -19,13 +19,7 @@ from gbdqn_ref.replay import importance_weights
 SEEDS = st.integers(0, 10**6)
 
 
-@claim(
-    "M3",
-    place="Eq. 2",
-    says="the residual is the negative gradient of half the squared loss",
-    verdict="holds if the target is held fixed",
-    uses="bellman.weighted_loss, bellman.loss_gradient",
-)
+@claim("M3")
 @given(SEEDS)
 def test_the_residual_is_the_negative_gradient(seed):
     """The loss is quadratic in Q, so a central difference of any width is exact."""
@@ -48,15 +42,7 @@ def test_control_with_a_moving_target_the_slope_is_another():
     )
 
 
-@claim(
-    "M5",
-    place="section Gradient Boosted DQN, after Eq. 3",
-    says="the weights of the loss correct the bias of non-uniform sampling",
-    verdict=(
-        "holds if their exponent is 1, they are not normalised, and nothing that matters has P = 0"
-    ),
-    uses="replay.importance_weights, bellman.weighted_loss",
-)
+@claim("M5")
 @given(SEEDS, st.integers(1, 6))
 def test_the_weighted_loss_is_that_of_uniform_sampling(seed, n):
     """E_P[w e²/2] = Σ P · (1/(nP)) · e²/2 = mean e²/2."""
@@ -87,16 +73,7 @@ def fitted_sums(Q, Q_target):
     return y, Q + (y - Q), Q + (y - Q_target)
 
 
-@claim(
-    "M6",
-    place="Eq. 4",
-    says="which ensemble is in the residual",
-    verdict=(
-        "ambiguous: Q_{m−1} in Eq. 4, its target network in Algorithm 1 and in the text; one, if"
-        " frozen (D3)"
-    ),
-    uses="bellman.td_target",
-)
+@claim("M6")
 def test_two_ensembles_in_the_residual_give_two_fits():
     """With Q in the residual Q + h is the target y, with Q̄ it is not."""
     Q, Q_target = 3.0, 2.0
@@ -120,13 +97,7 @@ def two_losses(residual, w):
     return weighted_loss(residual, np.ones_like(w)), weighted_loss(residual, w)
 
 
-@claim(
-    "M7",
-    place="Eqs. 5–6",
-    says="what J_m is",
-    verdict="ambiguous: the plain sum of squares in Eq. 5, the weighted one in Eq. 6",
-    uses="bellman.weighted_loss",
-)
+@claim("M7")
 def test_two_functions_are_called_j_m():
     """One sample, and a booster of 0."""
     residual, w = np.array([1.0]), np.array([0.25])
@@ -152,13 +123,7 @@ def least_and_where(residual, h):
     return ((residual - alpha * h) ** 2).sum(), alpha
 
 
-@claim(
-    "M10",
-    place="Eq. 7",
-    says="α_m is the minimum of the squared loss",
-    verdict="fails: it is where the minimum is; Eq. 7 prints min for argmin",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M10")
 def test_the_minimum_is_not_where_it_is():
     """An exact fit leaves nothing, with a step of 1."""
     residual = h = np.array([1.0])
@@ -182,13 +147,7 @@ def inside_and_outside(residual, eta):
     return fits, [residual - eta * h for h in fits]
 
 
-@claim(
-    "M13",
-    place="Eq. 5, Algorithm 1, line 19",
-    says="whether α_m is in the loss that the booster is trained on",
-    verdict="ambiguous: inside in Eq. 5, outside in Algorithm 1; a factor of 1/η in what is learnt",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M13")
 @given(st.floats(0.05, 1), st.floats(-9, 9))
 def test_inside_or_outside_is_a_factor_of_eta(eta, residual):
     """Inside, Q moves by the whole residual; outside, by η of it."""
@@ -198,7 +157,7 @@ def test_inside_or_outside_is_a_factor_of_eta(eta, residual):
     shows("h inside is h outside divided by η, on random residuals and η")
 
 
-@also("M13")
+@claim("M13")
 def test_with_the_printed_shrinkage_inside_is_ten_times_outside():
     """The whole residual is gone under one, nine tenths are left under the other."""
     residual, eta = 3.0, paper.SHRINKAGE
@@ -218,16 +177,7 @@ def test_control_without_shrinkage_the_two_are_one():
     assert inside == outside and left == [0, 0]
 
 
-@claim(
-    "M14",
-    place="section Gradient Boosted DQN, after Eq. 8",
-    says="the boosters reduce the residual one after the other",
-    verdict=(
-        "holds if the target stays frozen; a learner of the same linear class then finds nothing"
-        " more"
-    ),
-    uses="boosting.closed_form_alpha",
-)
+@claim("M14")
 @given(SEEDS)
 def test_a_second_fit_of_the_same_linear_class_is_zero(seed):
     """What least squares leaves is orthogonal to the whole class, so the next fit is 0."""
@@ -271,13 +221,7 @@ def boosted(cosines):
     return residual @ residual
 
 
-@claim(
-    "M15",
-    place="section Gradient Boosted DQN, after Eq. 8",
-    says="boosters each of which lowers the residual lower it to 0",
-    verdict="fails: steps that help less and less may end anywhere",
-    uses="boosting.closed_form_alpha",
-)
+@claim("M15")
 @pytest.mark.parametrize("boosts", [1, 4, 40])
 def test_ever_smaller_gains_end_at_a_half(boosts):
     """The m-th booster leaves a part 1 − 1/(m + 1)²: the product is (m + 2)/(2(m + 1))."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import filled, normalise, with_errors
 
 from gbdqn_ref.replay import (
@@ -19,16 +19,7 @@ from gbdqn_ref.replay import (
 )
 
 
-@claim(
-    "R10",
-    place="Eqs. 10–11",
-    says="the sampling rule mixes TD error and recency",
-    verdict="holds",
-    uses=(
-        "replay.RecencyReplay.probabilities, replay.mixed_priority, replay.time_priority,"
-        " replay.td_priority"
-    ),
-)
+@claim("R10")
 @given(st.integers(0, 10**6), st.integers(1, 60), st.floats(0, 1), st.floats(0, 2))
 def test_eq_10_and_11_are_a_mixture_of_per_and_recency(seed, added, mix, rate):
     """The replay's P is that of Eqs. 10–11, and the mixture of P_TD and P_time by its td_share."""
@@ -73,13 +64,7 @@ def recency_shares(rate_of):
     return sizes, [1 - replay.td_share() for replay in replays]
 
 
-@claim(
-    "R12",
-    place="section Recency and TD-error",
-    says="β sets the balance of recency and TD error",
-    verdict="fails: at fixed α and β recency's share of the draws tends to 0 as the buffer fills",
-    uses="replay.RecencyReplay.td_share",
-)
+@claim("R12")
 def test_the_recency_share_fades_as_the_buffer_fills():
     """S_time ≤ 1 / (1 − e^{−α}) is bounded, and S_TD grows with N."""
     rate = 0.01
@@ -114,13 +99,7 @@ def weighted_mean(P, f, exponent, normalise_by, batch_size):
 P, f = np.array([0.8, 0.2]), np.array([0.0, 1.0])
 
 
-@claim(
-    "W1",
-    place="section Recency and TD-error, importance weights",
-    says="the importance weights correct the bias of prioritized sampling",
-    verdict="holds if their exponent is 1 and they are not normalised",
-    uses="replay.importance_weights",
-)
+@claim("W1")
 @pytest.mark.parametrize("batch_size", [1, 3])
 def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation(batch_size):
     """E_P[w f] is the mean of f, whatever the size of the batch."""
@@ -128,7 +107,7 @@ def test_importance_weights_are_unbiased_with_exponent_1_and_no_normalisation(ba
     shows("every batch enumerated: E[w f] = mean f with exponent 1")
 
 
-@also("W1")
+@claim("W1")
 def test_with_exponent_a_half_they_are_biased():
     """The usual exponents are below 1."""
     exponent = 0.5
@@ -151,13 +130,7 @@ def ratio(batch_size, normalise_by):
     return first / second
 
 
-@claim(
-    "W2",
-    place="section Recency and TD-error, importance weights",
-    says="dividing the weights by their largest only scales the update",
-    verdict="fails: by the batch's largest it brings the bias back",
-    uses="replay.importance_weights",
-)
+@claim("W2")
 def test_dividing_by_the_batch_maximum_is_no_mere_scaling():
     """A batch of 1 always has weight 1, so the ratio is that of P; a larger batch keeps most of
     it.
@@ -191,16 +164,7 @@ def stale_data(mix, is_exponent, rate=0.01):
 OLD, NEW = 900, 100
 
 
-@claim(
-    "W3",
-    place="section Recency and TD-error",
-    says="the data from after a drift are prioritised, and the bias of doing so is corrected",
-    verdict=(
-        "fails: the one undoes the other, and in the loss P^(1 − exponent) is left of the"
-        " priorities"
-    ),
-    uses="replay.RecencyReplay.probabilities, replay.importance_weights",
-)
+@claim("W3")
 def test_correcting_the_bias_undoes_the_priorities():
     """P w is in proportion to P^(1 − exponent); with exponent 1 every transition has the same part
     of the loss.
@@ -251,16 +215,7 @@ def old_parts(mix, is_exponent):
 DELTA, BETAS = (3, 1), (F(0), F(1, 2), F(1))
 
 
-@claim(
-    "W4",
-    place="section Recency and TD-error, importance weights, Eq. 10",
-    says="one β is the mixing coefficient and the exponent of the weights",
-    verdict=(
-        "ambiguous: were it one, all recency would go without correction and all correction without"
-        " recency"
-    ),
-    uses="replay.RecencyReplay.probabilities, replay.importance_weights",
-)
+@claim("W4")
 def test_with_a_single_beta_recency_and_correction_exclude_each_other():
     """At β = 0 the draws are by recency alone and w = 1; at β = 1 the correction is full, and P has
     no recency in it.
@@ -296,16 +251,7 @@ def weights_and_bound(replay, delta, exponent):
     return P, importance_weights(P, n, exponent, None), bound
 
 
-@claim(
-    "W5",
-    place="section Recency and TD-error, importance weights",
-    says=(
-        "the weights are bounded: w ≤ (Σp / (N β ε^γ))^b with b the exponent, their mean is 1 with"
-        " b = 1, less before"
-    ),
-    verdict="holds if β > 0 and ε > 0",
-    uses="replay.RecencyReplay.probabilities, replay.importance_weights, replay.td_priority",
-)
+@claim("W5")
 @given(
     st.integers(0, 10**6),
     st.integers(1, 30),
@@ -322,7 +268,7 @@ def test_the_weights_are_bounded(seed, n, mix, rate, exponent):
     shows("random buffers with Cauchy TD errors")
 
 
-@also("W5")
+@claim("W5")
 @given(st.integers(0, 10**6), st.integers(1, 30), st.floats(0, 1))
 def test_their_mean_is_at_most_1(seed, n, exponent):
     """E_P[w] = Σ P (1/(N P))^b is 1 at b = 1, and at most 1 below it, as x^b is concave."""
@@ -334,7 +280,7 @@ def test_their_mean_is_at_most_1(seed, n, exponent):
     shows("E[w] = {:.0f} with b = 1", full)
 
 
-@also("W5")
+@claim("W5")
 @given(st.integers(1, 30), st.floats(0, 1))
 def test_a_uniform_distribution_needs_no_weights(n, exponent):
     """With P = 1/N every weight is 1, whatever the exponent."""
@@ -343,7 +289,7 @@ def test_a_uniform_distribution_needs_no_weights(n, exponent):
     shows("a uniform P gives w = {:.0f}", w[0])
 
 
-@also("W5")
+@claim("W5")
 @given(st.integers(0, 10**6), st.integers(1, 30), st.floats(0, 1))
 def test_divided_by_the_batchs_largest_none_is_above_1(seed, n, exponent):
     """And the largest is 1."""

@@ -13,7 +13,7 @@ import paper
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import GAMMA_99, loops, random_mdp, row
 
 from gbdqn_ref.boosting import closed_form_alpha
@@ -35,13 +35,7 @@ def fall(residual, step):
     return squares(residual) - squares(residual - step)
 
 
-@claim(
-    "T1-a",
-    place="Theorem 1",
-    says="a boosting step with the closed-form α strictly lowers the squared residual",
-    verdict="holds if the target is frozen and A ≠ 0",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-a")
 @given(vectors)
 def test_the_frozen_residual_falls_by_exactly_a_squared_over_b(vectors):
     """Σ(y − Q_{m−1})² − Σ(y − Q_m)² = A²/B. No argmin is needed, only h ≠ 0."""
@@ -78,13 +72,7 @@ def bellman_squares(gamma, eta=1, copies=1):
     return [(counts * mdp.residual(q) ** 2).sum() for q in (Q, after)]
 
 
-@claim(
-    "T1-g",
-    place="Theorem 1",
-    says="each boosting step strictly lowers the squared Bellman residual",
-    verdict="fails: the Bellman residual's target moves with Q",
-    uses="tabular.MDP, boosting.closed_form_alpha",
-)
+@claim("T1-g")
 @pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
 def test_the_bellman_residual_can_rise_under_a_perfect_booster(gamma):
     """With y recomputed from Q_m: the new value of the state raises the target of both actions."""
@@ -93,7 +81,7 @@ def test_the_bellman_residual_can_rise_under_a_perfect_booster(gamma):
     shows("1 state, 2 actions, r ({}) → ({}), Q = Q*_old: {} becomes 2γ²", *(OLD, NEW, before))
 
 
-@also("T1-g")
+@claim("T1-g")
 def test_it_rises_by_more_than_half_at_0_9():
     """The same at γ = 0.9."""
     before, after = bellman_squares(F(9, 10))
@@ -101,7 +89,7 @@ def test_it_rises_by_more_than_half_at_0_9():
     shows("{:g} at γ = {:g}", after, F(9, 10))
 
 
-@also("T1-g")
+@claim("T1-g")
 def test_it_rises_even_with_the_papers_own_constants():
     """With the printed γ and the printed shrinkage."""
     eta = F(paper.SHRINKAGE).limit_denominator()
@@ -146,13 +134,7 @@ def residual_and_bound(mdp, Q, alpha):
 # and ‖𝒯Q' − 𝒯Q‖∞ ≤ γ ‖Q' − Q‖∞ = γα ‖g‖∞.
 
 
-@claim(
-    "T1-h",
-    place="Theorem 1",
-    says="what takes its place: ‖res(Q + αg)‖∞ ≤ (|1 − α| + αγ) ‖g‖∞",
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("T1-h")
 @given(st.integers(0, 10**6), st.floats(0, 2.5), st.floats(0, 0.99))
 def test_what_holds_instead_is_a_bound_in_the_sup_norm(seed, alpha, gamma):
     """On random MDPs, whatever Q and α ≥ 0 are."""
@@ -166,7 +148,7 @@ def test_what_holds_instead_is_a_bound_in_the_sup_norm(seed, alpha, gamma):
     )
 
 
-@also("T1-h")
+@claim("T1-h")
 def test_the_bound_is_tight_on_the_loop():
     """For steps up to 1 the drifted loop meets it, so no smaller factor would do."""
     alphas = (F(1, 10), F(1, 2), F(1))
@@ -190,13 +172,7 @@ exact_pairs = st.integers(1, 5).flatmap(
 )
 
 
-@claim(
-    "T1-b",
-    place="Theorem 1, proof",
-    says="each line of the proof",
-    verdict="holds",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-b")
 @given(exact_pairs)
 def test_every_line_of_the_proof(pair):
     """Σ(r − αh)² = Σr² − 2αA + α²B for every α; at α = A/B it is Σr² − 2A²/B + A²/B = Σr² − A²/B.
@@ -231,13 +207,7 @@ def sampled(states):
     return h, h @ h
 
 
-@claim(
-    "T1-c",
-    place="Theorem 1, proof",
-    says="B > 0 for a weak learner other than 0",
-    verdict="holds if it is other than 0 on the sample; elsewhere does not count",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-c")
 def test_a_learner_can_vanish_on_the_sample():
     """h is not 0 elsewhere; Eq. 8 reads 0/0, and the package adds nothing."""
     states = [0.0, 1.0]
@@ -262,13 +232,7 @@ def falls_with(residual, h, eta):
     return fall(residual, eta * closed_form_alpha(residual, h) * h), fall(residual, eta * h)
 
 
-@claim(
-    "T1-d",
-    place="Theorem 1, section Acrobot",
-    says="with a shrinkage η the step still lowers the residual",
-    verdict="holds if η multiplies α and 0 < η < 2; if η takes the place of α, only where η < 2α",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-d")
 @given(vectors, st.floats(0, 3))
 def test_what_shrinkage_leaves_of_the_fall(vectors, eta):
     """(2η − η²) A²/B where η multiplies α, 2ηA − η²B where it takes the place of α."""
@@ -281,7 +245,7 @@ def test_what_shrinkage_leaves_of_the_fall(vectors, eta):
     shows("η · α: (2η − η²) A²/B; η for α: 2ηA − η²B, negative where α < η/2")
 
 
-@also("T1-d")
+@claim("T1-d")
 def test_the_printed_shrinkage_leaves_a_fifth_of_the_fall():
     """Compared with the whole step on the same residual."""
     residual, h = np.array([2.0, -1.0]), np.array([1.0, 1.0])
@@ -303,15 +267,7 @@ def weighted_fall(residual, h, w, alpha):
     return (w * residual**2).sum() - (w * (residual - alpha * h) ** 2).sum()
 
 
-@claim(
-    "T1-e",
-    place="Theorem 1, Eq. 6",
-    says="it holds of the weighted residual too",
-    verdict=(
-        "holds if α is weighted as well: the fall is A_w²/B_w; with Eq. 8's α it may rise (M12)"
-    ),
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-e")
 @given(vectors, st.integers(0, 10**6))
 def test_the_weighted_residual_falls_under_the_weighted_alpha(vectors, seed):
     """By A_w²/B_w, with the same weights in α."""
@@ -336,16 +292,7 @@ def least_squares(features, residual):
     return features @ np.linalg.lstsq(features, residual)[0]
 
 
-@claim(
-    "T1-f",
-    place="Theorem 1, Eqs. 7–8",
-    says="after an exact fit there is a step size left to choose",
-    verdict=(
-        "fails: a least-squares fit in a linear class has α = 1, and so has a network at a"
-        " stationary point"
-    ),
-    uses="boosting.closed_form_alpha, nn.MLP",
-)
+@claim("T1-f")
 @given(st.integers(0, 10**6))
 def test_an_exact_fit_has_alpha_1(seed):
     """r − h ⟂ h after least squares, so A = B, and the fall is Σ h² (Pythagoras)."""
@@ -362,7 +309,7 @@ def test_an_exact_fit_has_alpha_1(seed):
 # hence Σ (r − h) h = −(v · ∂L/∂v + b ∂L/∂b), and A − B = Σ (r − h) h.
 
 
-@also("T1-f")
+@claim("T1-f")
 @given(st.integers(0, 10**6))
 def test_a_network_at_a_stationary_point_has_alpha_1(seed):
     """1 − α = (v · ∂L/∂v + b ∂L/∂b)/B at every θ, so it is 0 where the gradient is."""
@@ -392,16 +339,7 @@ def left_by_a_constant(residual):
     return squares(residual), squares(residual - alpha * h)
 
 
-@claim(
-    "T1-i",
-    place="Theorem 1",
-    says="with random rewards too the residual falls at each step",
-    verdict=(
-        "holds if the target is frozen, down to the noise: where only that is left, A = 0 and"
-        " nothing falls"
-    ),
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-i")
 def test_noise_is_a_floor():
     """The same pair twice; Q = Q* = 0 is the mean of y, and a function of (s, a) is a constant."""
     y = np.array([1.0, -1.0])
@@ -429,13 +367,7 @@ def whole_before_and_after(sampled):
     return residual, h, alpha, squares(residual), squares(residual - alpha * h)
 
 
-@claim(
-    "T1-j",
-    place="Theorem 1",
-    says="α from a minibatch lowers the residual of the replay buffer",
-    verdict="fails: it lowers that of the minibatch",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-j")
 def test_a_minibatch_can_raise_the_whole():
     """The first of two samples alone is the batch."""
     residual, h, alpha, before, after = whole_before_and_after(sampled=1)
@@ -453,13 +385,7 @@ def test_control_from_the_whole_buffer_it_falls():
     assert after < before
 
 
-@claim(
-    "T1-k",
-    place="section Theoretical Analysis",
-    says="in supervised learning each boosting step strictly lowers the loss",
-    verdict="holds if it is the training loss, α is exact and A ≠ 0",
-    uses="boosting.closed_form_alpha",
-)
+@claim("T1-k")
 @given(vectors)
 def test_a_regression_booster_lowers_the_training_loss(vectors):
     """The same identity, since labels do not move."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import column, exact, funnel, loop, loops, random_mdp, row
 
 from gbdqn_ref.tabular import MDP
@@ -49,13 +49,7 @@ def shrinking(boosts):
 LIMIT = F(1, 4)  # of E with these steps, since the product of 1 − 1/(m + 1)² tends to ½
 
 
-@claim(
-    "T2-a",
-    place="Theorem 2",
-    says="if every booster strictly lowers E_μ, E_μ tends to 0",
-    verdict="fails: it may tend to anything",
-    uses="tabular.MDP",
-)
+@claim("T2-a")
 @pytest.mark.parametrize("boosts", [1, 5, 40])
 def test_a_strict_fall_need_not_reach_0(boosts):
     """E falls from 1 at every step and stays above ¼, since Q_m = (m + 2)/(m + 1) → 1."""
@@ -105,13 +99,7 @@ def away_from_ties(Q):
     return np.ptp(Q, axis=-1).min() > 1e-3
 
 
-@claim(
-    "T2-b",
-    place="Theorem 2, proof",
-    says="the functional gradient of E_μ is proportional to the Bellman residual g",
-    verdict="fails: it is 2 (γ P_π − I)ᵀ D g, which needs as many pairs as there are",
-    uses="tabular.MDP",
-)
+@claim("T2-b")
 @given(SEEDS, st.floats(0, 0.9))
 def test_the_gradient_passes_through_the_target(seed, gamma):
     """Central differences of E_μ against the formula, away from ties."""
@@ -137,13 +125,7 @@ def test_control_with_the_target_frozen_it_is_the_residual(seed, gamma):
 EVEN, UNEVEN = row(F(1, 2), F(1, 2)), row(F(1, 3), F(2, 3))
 
 
-@claim(
-    "T2-c",
-    place="Theorem 2, proof",
-    says="a small step along the Bellman residual lowers E_μ",
-    verdict="fails: it can rise for every positive step",
-    uses="tabular.MDP",
-)
+@claim("T2-c")
 @pytest.mark.parametrize("alpha", [F(1, 1000), F(1, 10), F(1)])
 def test_the_error_can_rise_along_the_residual(alpha):
     """E is a parabola whose slope at 0 is positive."""
@@ -157,13 +139,7 @@ def test_the_error_can_rise_along_the_residual(alpha):
     )
 
 
-@claim(
-    "T2-d",
-    place="Theorem 2, proof",
-    says="exact line search along the exact residual lowers E_μ unless Q is Q*",
-    verdict="fails: the best step can be 0 far from Q*",
-    uses="tabular.MDP",
-)
+@claim("T2-d")
 def test_the_best_step_can_be_0():
     """The parabola has its vertex at 0, and Q is far from Q*."""
     mdp, Q = rising()
@@ -196,13 +172,7 @@ def fitted(mu, boosts=4):
     return errors
 
 
-@claim(
-    "T2-e",
-    place="Theorem 2",
-    says="learners that are dense in L2(μ) make E_μ fall monotonically to 0",
-    verdict="fails: where μ leaves pairs out, an exact fit on μ can make it grow without bound",
-    uses="tabular.MDP",
-)
+@claim("T2-e")
 def test_a_class_that_is_dense_where_mu_looks_can_diverge():
     """μ has the first pair alone, so the class is dense in L2(μ); each exact fit multiplies E by
     (2γ)².
@@ -233,16 +203,7 @@ def after_exact_fits(mdp, Q, boosts):
 # ‖g_m‖∞ ≤ γ^m ‖g_0‖∞, E_μ ≤ ‖g‖∞², and ‖g‖∞² ≤ E_μ / min μ.
 
 
-@claim(
-    "T2-f",
-    place="Theorem 2",
-    says=(
-        "what takes its place: with every pair in μ and exact fits, E_μ(Q_m) ≤ γ^{2m} E_μ(Q_0) /"
-        " min μ, not monotone"
-    ),
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("T2-f")
 @given(SEEDS, st.floats(0, 0.95), st.integers(1, 8))
 def test_with_full_support_exact_boosters_converge(seed, gamma, boosts):
     """On random MDPs E is at most γ^{2m} / min μ of the first one."""
@@ -254,7 +215,7 @@ def test_with_full_support_exact_boosters_converge(seed, gamma, boosts):
     shows("random MDPs")
 
 
-@also("T2-f")
+@claim("T2-f")
 @pytest.mark.parametrize("gamma", [F(9, 10), F(99, 100)])
 def test_it_may_rise_first(gamma):
     """On the drifted loop, so the hypothesis fails where the outcome holds."""
@@ -289,16 +250,7 @@ def distance_and_bound(mdp, Q, mu):
 # Q − Q* = (Q − 𝒯Q) + (𝒯Q − 𝒯Q*), whose second part is at most γ ‖Q − Q*‖∞.
 
 
-@claim(
-    "T2-i",
-    place="Theorem 2, proof",
-    says="E_μ → 0 implies Q → Q*",
-    verdict=(
-        "holds if every pair is in μ and there are finitely many: ‖Q − Q*‖∞ ≤ √(E_μ / min μ) / (1"
-        " − γ)"
-    ),
-    uses="tabular.MDP.q_star, tabular.MDP.bellman_error",
-)
+@claim("T2-i")
 @given(SEEDS, st.floats(0, 0.95))
 def test_a_small_error_everywhere_is_a_q_near_q_star(seed, gamma):
     """On random MDPs the distance to Q* is within the bound."""
@@ -309,7 +261,7 @@ def test_a_small_error_everywhere_is_a_q_near_q_star(seed, gamma):
     shows("random MDPs")
 
 
-@also("T2-i")
+@claim("T2-i")
 def test_a_loop_meets_the_bound():
     """There the whole factor 1/(1 − γ) is between the residual and the distance."""
     mdp, Q, mu = loop(1, 0.99), row(0), row(1)
@@ -353,13 +305,7 @@ def stretched(size):
     return mdp.gamma, size(mdp.bellman(d) - mdp.bellman(zero)) / size(d)
 
 
-@claim(
-    "T2-k",
-    place="Theorem 2, proof",
-    says="𝒯 is a contraction in L2(μ)",
-    verdict="fails: it is one in the sup norm; in L2(μ) it can stretch by √2 γ",
-    uses="tabular.MDP.bellman",
-)
+@claim("T2-k")
 def test_the_operator_can_stretch_in_l2():
     """Under the uniform μ, by √2 γ."""
     gamma, squared = stretched(lambda x: (x**2).sum())
@@ -388,13 +334,7 @@ def errors_of_samples(rewards):
     return mdp.bellman_error(Q, column(1, 0)), ((y - Q[0, 0]) ** 2).sum() / len(rewards)
 
 
-@claim(
-    "T2-m",
-    place="Theorem 2",
-    says="the squared TD error of samples estimates E_μ",
-    verdict="fails: it estimates E_μ plus the variance of the target",
-    uses="tabular.MDP",
-)
+@claim("T2-m")
 def test_noise_of_the_target_counts_as_error():
     """E[(y − Q)²] = (𝒯Q − Q)² + Var(y)."""
     rewards = (1, -1)
@@ -413,13 +353,7 @@ def test_control_without_noise_the_two_agree():
     assert error == squared == 0
 
 
-@claim(
-    "T2-g",
-    place="Theorem 2, proof",
-    says="a falling sequence that is bounded below converges",
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("T2-g")
 @pytest.mark.parametrize("boosts", [1, 9, 29])
 def test_the_falling_errors_do_converge(boosts):
     """To their infimum, not to 0: the m-th error of T2-a's sequence is within 1/m of it."""
@@ -429,13 +363,7 @@ def test_the_falling_errors_do_converge(boosts):
     shows("E_m = ((m + 1)/2m)² falls to its infimum {}", LIMIT)
 
 
-@claim(
-    "T2-h",
-    place="Theorem 2, proof",
-    says="were the limit positive, one more step would lower it, a contradiction",
-    verdict="fails: a step that lowers E_m below E_m need not lower it below the limit",
-    uses="tabular.MDP",
-)
+@claim("T2-h")
 @pytest.mark.parametrize("boosts", [2, 10, 30])
 def test_each_further_step_lowers_it_and_none_reaches_the_limit(boosts):
     """At every m the next step lowers E, and it ends above the limit: no contradiction."""
@@ -464,15 +392,7 @@ def equal_in_l2(mu):
     return not (mu * (FIRST - SECOND) ** 2).any()
 
 
-@claim(
-    "T2-j",
-    place="Theorem 2",
-    says="E_μ is a functional on L2(μ)",
-    verdict=(
-        "fails: 𝒯 looks where μ does not, so functions that are equal in L2(μ) have different E_μ"
-    ),
-    uses="tabular.MDP.bellman_error",
-)
+@claim("T2-j")
 def test_equal_functions_have_different_errors():
     """μ has the first of two pairs alone, where the two functions agree."""
     mu = row(1, 0)
@@ -502,13 +422,7 @@ def fits(measures):
     return found
 
 
-@claim(
-    "T2-l",
-    place="Theorem 2",
-    says="μ may be the distribution of the replay buffer",
-    verdict="holds if it stands still; a μ that changes can undo each step by the next",
-    uses="tabular.MDP.bellman_error",
-)
+@claim("T2-l")
 def test_a_changing_mu_can_go_round_in_circles():
     """Fitted to the first pair and to the second in turn, each step takes its own E to 0 and undoes
     the one before.
@@ -542,18 +456,7 @@ def newton(mdp, Q):
 # 𝒯(Q + εd) − Q − εd = g + ε(γ P_π d − d) = (1 − ε) g as long as no greedy action changes.
 
 
-@claim(
-    "T2-o",
-    place="Theorem 2, proof",
-    says=(
-        "what takes the place of the residual as a direction: d with d = g + 𝒯′(Q; d) lowers E_μ"
-        " until Q = Q*"
-    ),
-    verdict=(
-        "holds if there are finitely many pairs and μ has them all: E_μ has no other local minimum"
-    ),
-    uses="tabular.MDP",
-)
+@claim("T2-o")
 @given(SEEDS, st.floats(0, 0.95))
 def test_newtons_direction_always_descends(seed, gamma):
     """Away from ties, by the factor (1 − ε)²."""
@@ -593,16 +496,7 @@ def part_left(P, mu, Q, alpha, gamma, rewards=0):
 # At α = 1 the residual becomes γ P g.
 
 
-@claim(
-    "T2-p",
-    place="Theorem 2, proof",
-    says=(
-        "where the residual does descend: evaluating a fixed policy, with μ its stationary"
-        " distribution"
-    ),
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("T2-p")
 @given(SEEDS, st.floats(0, 0.95))
 def test_policy_evaluation_descends_along_the_residual(seed, gamma):
     """On random chains, at the best guaranteed step and at α = 1."""

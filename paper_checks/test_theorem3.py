@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import exact, normalise, with_errors
 
 from gbdqn_ref.bellman import loss_gradient
@@ -68,13 +68,7 @@ def ideal(replay, delta):
     return normalise(np.abs(delta) * time_priority(age, replay.recency_rate))
 
 
-@claim(
-    "T3-a",
-    place="Theorem 3",
-    says="the mixed rule samples in proportion to |δ| e^{−α(T − t)}",
-    verdict="fails: a sum is not a product, for whatever β",
-    uses="replay.mixed_priority, replay.td_priority",
-)
+@claim("T3-a")
 def test_the_product_is_missed_whatever_the_mix():
     """The same P for every β, and the product is another distribution."""
     d, tau = errors(2, 1), halves(0, 1)
@@ -99,16 +93,7 @@ def gap(n, mix=MIX, rate=RATE):
     return distance(replay.probabilities(), ideal(replay, np.ones(n)))
 
 
-@claim(
-    "T3-b",
-    place="Theorem 3",
-    says="the mixed rule comes near the product as the buffer grows",
-    verdict="fails: at fixed α and β > 0 it moves away from it, to the largest distance there is",
-    uses=(
-        "replay.RecencyReplay.probabilities, replay.RecencyReplay.td_share,"
-        " replay.RecencyReplay.time_total"
-    ),
-)
+@claim("T3-b")
 def test_the_distance_to_the_product_grows_to_1():
     """It rises with N, and 1 is the largest distance there is."""
     sizes = (100, 1_000, 10_000, 100_000)
@@ -191,16 +176,7 @@ def buffers(draw):
 # d = b/(1 − a/τ). With b > 0 that asks for a < τ of the oldest: in a long buffer β is next to 0.
 
 
-@claim(
-    "T3-c",
-    place="Theorem 3",
-    says="for a suitable β the product is one of the mixtures",
-    verdict=(
-        "holds if one line a/τ_i + b/|δ_i| = 1, a and b ≥ 0, has all i; with 0 < β < 1, |δ| then"
-        " grows with age"
-    ),
-    uses="replay.mixed_priority",
-)
+@claim("T3-c")
 @given(buffers())
 def test_the_product_is_a_mixture_only_on_a_line(buffer):
     """The line is found where and only where P* is on the segment from P_time to P_TD."""
@@ -225,7 +201,7 @@ def orders_on_a_line(tau):
     return found, {order: ab[0] / sum(ab) for order, ab in found.items() if ab}
 
 
-@also("T3-c")
+@claim("T3-c")
 def test_one_order_of_six_has_a_beta():
     """That in which |δ| grows with age."""
     tau = halves(0, 1, 2)
@@ -260,16 +236,7 @@ def three():
     return d, tau, normalise(d * tau), normalise(d), normalise(tau)
 
 
-@claim(
-    "T3-d",
-    place="Theorem 3, proof",
-    says=(
-        "the mixture closest to the product in Kullback–Leibler divergence is proportional to the"
-        " product"
-    ),
-    verdict="fails: the closest one may be another distribution",
-    uses="replay.mixed_priority",
-)
+@claim("T3-d")
 def test_the_closest_mixture_is_not_the_product():
     """The slope in λ is 0 at λ = ½, so the minimum is there, which is β = 1/5."""
     (d, tau, product, start, end), beta = three(), F(1, 5)
@@ -317,16 +284,7 @@ def most_apart(exponent):
 # d − d^γ = d (1 − e^{−(1 − γ) ln d}) ≤ d (1 − γ) ln d.
 
 
-@claim(
-    "T3-e",
-    place="Theorem 3, proof",
-    says="|δ|^γ = |δ| c with c tending to 1",
-    verdict=(
-        "holds if it is γ that tends to 1, |δ| is bounded and not 0; a growing buffer at fixed γ"
-        " changes nothing"
-    ),
-    uses="replay.td_priority",
-)
+@claim("T3-e")
 @given(st.floats(0.01, 0.999), st.floats(0, 1), st.floats(1, 1000))
 def test_the_exponent_fades_as_it_tends_to_1(exponent, small, large):
     """On [0, 1] the gap is (1 − γ) γ^{γ/(1 − γ)} at most, on [1, M] (1 − γ) M ln M, and both tend
@@ -340,7 +298,7 @@ def test_the_exponent_fades_as_it_tends_to_1(exponent, small, large):
     shows("|δ| − |δ|^γ on [1, M] is (1 − γ) M ln M at most")
 
 
-@also("T3-e")
+@claim("T3-e")
 def test_the_gap_for_three_exponents():
     """It falls as γ rises."""
     exponents = (0.6, 0.9, 0.99)
@@ -349,7 +307,7 @@ def test_the_gap_for_three_exponents():
     shows("|δ|^γ − |δ| on [0, 1] is {:.4f} at most for γ = {}", gaps, exponents)
 
 
-@also("T3-e")
+@claim("T3-e")
 def test_at_the_usual_exponent_c_is_far_from_1():
     """At a small error."""
     small, exponent = 0.01, 0.6
@@ -385,16 +343,7 @@ def variances(mix):
     return variance(P, d * tau), variance(P, d), variance(normalise(d * tau), d)
 
 
-@claim(
-    "T3-f",
-    place="Theorem 3",
-    says="for 0 < β < 1 the mixed rule has the least variance of all mixtures",
-    verdict=(
-        "fails: the variance depends on β, and the best β, which may be 0 or 1, on what is"
-        " estimated"
-    ),
-    uses="replay.importance_weights, replay.mixed_priority",
-)
+@claim("T3-f")
 @given(PARTS)
 def test_the_variance_depends_on_the_mix(mix):
     """β = 0 alone is best for Σ |δ| τ, and β = 1 alone for Σ |δ|, to which w = 1/(N P) leads."""
@@ -434,13 +383,7 @@ def test_control_each_mixture_is_the_best_for_its_own_integrand(buffer, mix):
     assert variance(P, 3 * P) == 0
 
 
-@claim(
-    "T3-g",
-    place="Theorem 3, proof",
-    says="the best of all distributions is proportional to the size of the integrand",
-    verdict="holds",
-    uses="replay.importance_weights",
-)
+@claim("T3-g")
 @given(st.lists(st.tuples(ERRORS, ERRORS, st.sampled_from([-1, 1])), min_size=1, max_size=5))
 def test_the_best_distribution_follows_the_integrand(draws):
     """V(P) − V(P_f) = Σ (|f| − S P)²/P, with S = Σ |f| and P_f = |f|/S, for each P."""
@@ -478,13 +421,7 @@ def second_moments(x):
     return sizes, (sizes**2 / by_error).sum(), (sizes**2 / at_best).sum()
 
 
-@claim(
-    "T3-j",
-    place="Theorem 3, proof",
-    says="the integrand, what a transition adds to the gradient, is of size |δ| e^{−α(T − t)}",
-    verdict="fails: it is |δ − h| ‖∇h‖, without an age",
-    uses="bellman.loss_gradient, nn.MLP.backward, replay.td_priority",
-)
+@claim("T3-j")
 def test_the_integrand_is_the_gradient():
     """Where the gradients of h differ, drawing by |δ| is not drawing by the integrand."""
     sizes, by_error, at_best = second_moments([0, np.sqrt(99)])
@@ -495,7 +432,7 @@ def test_the_integrand_is_the_gradient():
     )
 
 
-@also("T3-j")
+@claim("T3-j")
 def test_a_fitted_transition_adds_nothing_and_is_still_drawn():
     """Where h = δ nothing is left to learn, and |δ| gives it most of the draws."""
     delta, h = np.array([5.0, 1.0]), np.array([5.0, 0.0])
@@ -524,13 +461,7 @@ def probabilities_of_the_theorem(delta, mix, exponent, rate):
     )
 
 
-@claim(
-    "T3-h",
-    place="Theorem 3, Eqs. 10–11",
-    says="the rule of the theorem is that of Eqs. 10–11",
-    verdict="holds if ε = 0 and 0 < β < 1: the theorem leaves out the ε of p^TD and both ends of β",
-    uses="replay.RecencyReplay.probabilities, replay.td_priority",
-)
+@claim("T3-h")
 @given(SEEDS, st.integers(1, 40), st.floats(0.01, 0.99), st.floats(0.1, 1), st.floats(0, 2))
 def test_the_rule_of_the_theorem_has_no_offset(seed, n, mix, exponent, rate):
     """With ε = 0 the probabilities are the theorem's."""
@@ -541,7 +472,7 @@ def test_the_rule_of_the_theorem_has_no_offset(seed, n, mix, exponent, rate):
     shows("random buffers: the same P with ε = 0")
 
 
-@also("T3-h")
+@claim("T3-h")
 def test_with_an_offset_a_transition_without_error_has_a_td_priority():
     """In the theorem it has none."""
     offset, exponent = 0.01, 0.6
@@ -578,16 +509,7 @@ def test_of_the_oldest_both_rules_leave_nothing(n):
     assert max(oldest) <= 1 / n
 
 
-@claim(
-    "T3-i",
-    place="Theorem 3",
-    says="if the TD errors converge, each P(i) tends to P*(i) as the buffer grows",
-    verdict=(
-        "ambiguous: of one stored transition it says nothing, as both tend to 0; of the newest it"
-        " is false"
-    ),
-    uses="replay.RecencyReplay.probabilities",
-)
+@claim("T3-i")
 def test_p_of_the_newest_tends_to_0_and_the_product_does_not():
     """All |δ| are 1, so that they have converged; i is an age, 0."""
     sizes = (1_000, 10_000, 100_000)
@@ -623,13 +545,7 @@ def between(P, d, tau):
 # n! orders of n errors that is one.
 
 
-@claim(
-    "T3-k",
-    place="Theorem 3",
-    says="what takes its place: P_i/P_j lies between |δ_i|^γ/|δ_j|^γ and τ_i/τ_j",
-    verdict="holds",
-    uses="replay.mixed_priority",
-)
+@claim("T3-k")
 @given(buffers(), PARTS)
 def test_the_ratio_of_a_mixture_lies_between_those_of_its_parts(buffer, mix):
     """On random buffers, exactly, for every pair of transitions."""

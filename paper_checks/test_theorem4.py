@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ledger import also, claim, control, shows
+from ledger import claim, control, shows
 from worlds import column, exact, funnel, loop, loops, random_mdp, row
 
 from gbdqn_ref.boosting import Ensemble, closed_form_alpha
@@ -34,13 +34,7 @@ def change_and_h(alpha, seed=0):
     return np.abs(ensemble.q(x) - before), h, rounding
 
 
-@claim(
-    "T4-a",
-    place="Theorem 4, part 1",
-    says="a booster changes Q(s, a) by α |h(s, a)|, hence by at most α ‖h‖∞",
-    verdict="holds if α ≥ 0, and with |α| always",
-    uses="boosting.Ensemble",
-)
+@claim("T4-a")
 @given(st.integers(0, 10**6), st.floats(-3, 3))
 def test_a_booster_moves_q_by_alpha_h(seed, alpha):
     """|Q_m − Q_{m−1}| = |α| |h|, hence at most |α| ‖h‖∞."""
@@ -50,7 +44,7 @@ def test_a_booster_moves_q_by_alpha_h(seed, alpha):
     shows("|Q_m − Q_{{m−1}}| = |α| |h| on random ensembles")
 
 
-@also("T4-a")
+@claim("T4-a")
 def test_the_closed_form_can_give_a_negative_bound():
     """Where the booster has the sign of the residual turned round."""
     residual, h = np.array([1.0, -3.0]), np.ones(2)
@@ -76,18 +70,7 @@ def moved(phi):
     return residual, closed_form_alpha(residual, phi[:1]) * phi
 
 
-@claim(
-    "T4-b",
-    place="Theorem 4, part 1",
-    says=(
-        "this bound is a stability that single networks do not have: updates stay bounded and local"
-    ),
-    verdict=(
-        "fails: every update satisfies it with h = (Q' − Q)/α, and one residual can move Q anywhere"
-        " else"
-    ),
-    uses="boosting.closed_form_alpha, tabular.MDP",
-)
+@claim("T4-b")
 def test_a_residual_of_1_moves_an_unsampled_pair_by_1000():
     """The pair that is never sampled moves a thousand times as far as the one that is."""
     phi = (1.0, 1000.0)
@@ -142,18 +125,7 @@ def boosted_on_the_data(data, boosts=1):
     return Q, (before, new.bellman_error(Q, data))
 
 
-@claim(
-    "T4-c",
-    place="Theorem 4, part 2",
-    says=(
-        "after a drift, boosting whose residual falls at each step converges to the new Q* in L2 of"
-        " the data"
-    ),
-    verdict=(
-        "fails: if the frozen residual is meant it diverges, if the true one, it ends at a wrong Q"
-    ),
-    uses="tabular.MDP",
-)
+@claim("T4-c")
 def test_read_with_the_frozen_residual_it_diverges():
     """Each boost multiplies Q by 2γ on the data, where Q* is 0."""
     values = read_literally(4)
@@ -161,7 +133,7 @@ def test_read_with_the_frozen_residual_it_diverges():
     shows("frozen: {:.3g}, … for Q* = 0", values)
 
 
-@also("T4-c")
+@claim("T4-c")
 def test_read_with_the_true_residual_it_ends_at_a_wrong_q():
     """The error on the data falls to 0 in one boost, and Q is wrong on the data itself, where it
     was right.
@@ -213,16 +185,7 @@ def errors_with_misses(seed, gamma, alpha, miss, boosts=20):
 # recursion is ε/(1 − γ).
 
 
-@claim(
-    "T4-d",
-    place="Theorem 4, part 2",
-    says=(
-        "what takes its place: with ‖h_m − g‖∞ ≤ ε, α ∈ (0, 1] and data on every pair, limsup ‖Q_m"
-        " − Q*‖∞ ≤ ε/(1 − γ)"
-    ),
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("T4-d")
 @given(st.integers(0, 10**6), st.floats(0, 0.9), st.floats(0.05, 1), st.floats(0, 0.5))
 def test_with_sup_norm_errors_and_full_support_it_adapts(seed, gamma, alpha, miss):
     """The recursion, at every booster."""
@@ -246,13 +209,7 @@ def signal_and_move(old, new):
     return np.abs(new.residual(q_old)).max(), np.abs(new.q_star() - q_old).max()
 
 
-@claim(
-    "C1",
-    place="section Conclusions",
-    says="non-trivial drift always gives a positive TD error",
-    verdict="fails: drift can leave δ at 0, make it negative, or lower it",
-    uses="tabular.MDP",
-)
+@claim("C1")
 def test_a_drift_can_leave_q_star_and_delta_alone():
     """A loop that pays 1 becomes a step that pays 2 and ends the episode."""
     gamma, q_star, paid, last = F(1, 2), F(2), 1, 2
@@ -265,7 +222,7 @@ def test_a_drift_can_leave_q_star_and_delta_alone():
     )
 
 
-@also("C1")
+@claim("C1")
 def test_any_new_transitions_can_leave_delta_at_0():
     """Where the reward is −1 everywhere."""
     reward, (stay, swap) = -1.0, (np.eye(2)[:, None], np.eye(2)[::-1, None])
@@ -275,7 +232,7 @@ def test_any_new_transitions_can_leave_delta_at_0():
     shows("r = {} everywhere: any new transitions, δ = {:.0f}", reward, signal)
 
 
-@also("C1")
+@claim("C1")
 def test_a_drift_can_make_delta_negative():
     """A loop that paid nothing and now costs 1."""
     old, new, q_old = loop(0, GAMMA), loop(-1, GAMMA), row(0)
@@ -283,7 +240,7 @@ def test_a_drift_can_make_delta_negative():
     shows("r {} → {}: δ = {}", old.r, new.r, new.residual(q_old))
 
 
-@also("C1")
+@claim("C1")
 def test_a_drift_can_lower_the_error():
     """A Q of 10 was not right before, and is afterwards."""
     before, after = (abs(loop(reward, GAMMA).residual(row(10))).item() for reward in (0, 1))
@@ -302,13 +259,7 @@ def test_control_a_change_of_reward_alone_is_seen():
 # at most γ ‖ΔQ*‖.
 
 
-@claim(
-    "C2",
-    place="section Conclusions",
-    says="what takes its place: (1 − γ) ‖ΔQ*‖∞ ≤ ‖𝒯_new Q*_old − Q*_old‖∞ ≤ (1 + γ) ‖ΔQ*‖∞",
-    verdict="holds",
-    uses="tabular.MDP",
-)
+@claim("C2")
 @given(st.integers(0, 10**6), st.floats(0, 0.95))
 def test_the_largest_td_error_tells_how_far_q_star_has_moved(seed, gamma):
     """On random pairs of MDPs."""
@@ -333,16 +284,7 @@ def variance_of(weights, variance, correlation):
     return weights @ (variance * (correlation + (1 - correlation) * identity)) @ weights
 
 
-@claim(
-    "C3",
-    place="section Related Work",
-    says="averaging an ensemble lowers the variance of Q",
-    verdict=(
-        "holds if errors are not all alike: σ²(ρ + (1 − ρ)/k), which leaves a common error; a sum"
-        " raises it"
-    ),
-    uses="boosting.Ensemble",
-)
+@claim("C3")
 def test_averaging_keeps_what_the_members_share():
     """The mean has σ²(ρ + (1 − ρ)/k), and the sum more than one member."""
     k, variance, correlation = 5, F(2), F(6, 10)

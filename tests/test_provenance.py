@@ -12,7 +12,7 @@ from gbdqn_ref.config import Config
 from gbdqn_ref.gbdqn import GBDQN
 
 WORLD = {"agent", "schedule", "train", "drift", "physics"}
-DQN = WORLD | {"dqn", "nn", "optim", "bellman", "replay"}
+DQN = WORLD | {"dqn", "nn", "optim", "bellman", "replay", "detect"}
 every_module = pytest.mark.parametrize("name", sorted(provenance.SOURCES))
 
 
