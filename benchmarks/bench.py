@@ -106,7 +106,7 @@ def show(sections):
 
 
 def curves(scale, tables):
-    """What report.picture draws: a panel each for the replay buffer, boosters and jobs."""
+    """What report.picture draws: a panel for the replay buffer, and one for boosters."""
     by_size = {
         kind: (scale.sizes, [tables[growth.REPLAY][f"{kind}, N = {n:,}"][1] for n in scale.sizes])
         for kind in REPLAYS
@@ -116,12 +116,7 @@ def curves(scale, tables):
         "training per environment step": (scale.boosters, [row[2] for row in rows]),
         "update": (scale.boosters, [row[0] for row in rows]),
     }
-    rows = [tables[several.JOBS][f"{n} at a time"] for n in scale.jobs]
-    by_jobs = {
-        "measured here": (scale.jobs, [row[0] for row in rows]),
-        "computed, a core for each": (scale.jobs, [row[1] for row in rows]),
-    }
-    return by_size, by_boosters, by_jobs
+    return by_size, by_boosters
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ LOOKS = tuple(zip(OKABE_ITO, "o^s", strict=False))  # of the first line, the sec
 PANELS = (  # title, x, y
     ("drawing 64 and updating their priorities", "transitions in the buffer", "µs"),
     ("GB-DQN on Acrobot", "frozen boosters", "time, as a multiple of that without any"),
-    ("a study of eight runs", "runs at a time", "seconds"),
 )
 
 
@@ -35,7 +34,7 @@ def decimals(x):
 def picture(panels):
     """How cost grows: a panel for each of PANELS, {label: (x, y)}; the figure."""
     with plain():
-        figure = Figure(figsize=(14, 4), layout="constrained")
+        figure = Figure(figsize=(10, 4), layout="constrained")
         all_axes = figure.subplots(1, len(PANELS))
         for axes, lines, (title, x_label, y_label) in zip(all_axes, panels, PANELS, strict=True):
             for (label, (x, y)), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
@@ -43,7 +42,7 @@ def picture(panels):
             axes.set(xlabel=x_label, ylabel=y_label)
             axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
             axes.set_title(title, loc="left")
-            axes.legend(frameon=False, loc="best")
+            axes.legend(frameon=False, loc="upper left")
             axes.spines[["top", "right"]].set_visible(False)
         all_axes[0].set_xscale("log")
     return figure

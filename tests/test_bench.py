@@ -90,7 +90,7 @@ def test_a_table_shows_three_digits_and_a_dash_where_there_is_no_number(capsys):
 
 
 def test_the_picture_has_the_numbers_of_the_tables():
-    scale = measure.Scale(sizes=(10, 100), boosters=(0, 2), jobs=(1, 2))
+    scale = measure.Scale(sizes=(10, 100), boosters=(0, 2))
     tables = {
         growth.REPLAY: {
             f"{kind}, N = {n}": (nan, n + k, nan, nan, nan)
@@ -98,7 +98,6 @@ def test_the_picture_has_the_numbers_of_the_tables():
             for n in scale.sizes
         },
         growth.BOOSTERS: {"m = 0": (1.0, 5, 1.1, 6), "m = 2": (1.5, 7, 2.5, 8)},
-        several.JOBS: {"1 at a time": (9.0, 8.0), "2 at a time": (5.0, 4.0)},
     }
     drawn = [
         {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
@@ -113,10 +112,6 @@ def test_the_picture_has_the_numbers_of_the_tables():
         {
             "training per environment step": ([0, 2], [1.1, 2.5]),
             "update": ([0, 2], [1.0, 1.5]),
-        },
-        {
-            "measured here": ([1, 2], [9.0, 5.0]),
-            "computed, a core for each": ([1, 2], [8.0, 4.0]),
         },
     ]
 
