@@ -268,6 +268,13 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
     assert contents(tmp_path) == sequential
 
 
+def test_a_study_grows_by_an_agent_with_settings_of_its_own(tmp_path):
+    """GB-DQN-reuse has its own default α, not DQN's."""
+    assert study.run_study(FIRST, tmp_path, Here(), quiet=True) == {}
+    reuse = {"gbdqn-reuse-0": replace(CONFIGS["dqn-0"], agent="gbdqn-reuse")}
+    assert study.run_study(reuse, tmp_path, Here(), quiet=True) == {}
+
+
 def test_the_folder_of_a_running_study_is_refused(tmp_path):
     busy = pytest.raises(UsageError, match="in use by another process")
     with files.locked(tmp_path / "out"), busy:
