@@ -134,26 +134,28 @@ def undisturbed(tmp_path):
     return contents(tmp_path / "undisturbed")
 
 
-def every_state_goes_on(recorder, folder, undisturbed, monkeypatch):
+def assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least):
+    """Record the run in tmp_path / "run", and resume it from every state a crash may leave."""
+    with monkeypatch.context() as patch:
+        recorder = Recorder(tmp_path / "run", patch)
+        go_on(tmp_path / "run")
+    assert contents(tmp_path / "run") == undisturbed
+    assert len(recorder.states) > at_least, "too few to be meaningful"
     monkeypatch.setattr(os, "fsync", lambda _: None)
     for k, state in enumerate(recorder.states):
-        (folder / str(k)).mkdir(parents=True)
+        folder = tmp_path / str(k)
+        folder.mkdir()
         for name, content in state:
-            (folder / str(k) / name).write_bytes(content)
-        go_on(folder / str(k))
-        left = contents(folder / str(k))
+            (folder / name).write_bytes(content)
+        go_on(folder)
+        left = contents(folder)
         assert {name: left[name] for name in undisturbed} == undisturbed, dict(state).keys()
         assert all(name.endswith(".part") for name in left.keys() - undisturbed.keys())
 
 
 def test_every_crash_of_a_run_is_made_good(tmp_path, undisturbed, monkeypatch):
     (tmp_path / "run").mkdir()
-    with monkeypatch.context() as patch:
-        recorder = Recorder(tmp_path / "run", patch)
-        go_on(tmp_path / "run")
-    assert contents(tmp_path / "run") == undisturbed
-    assert len(recorder.states) > 30, "too few to say anything"
-    every_state_goes_on(recorder, tmp_path / "states", undisturbed, monkeypatch)
+    assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least=30)
 
 
 def test_every_crash_of_a_run_that_goes_on_after_a_crash_is_made_good(
@@ -170,9 +172,4 @@ def test_every_crash_of_a_run_that_goes_on_after_a_crash_is_made_good(
         with pytest.raises(Crash):
             go_on(tmp_path / "run")
     assert (tmp_path / "run" / "episodes.csv").read_bytes().count(b"\n") == 5
-    with monkeypatch.context() as patch:
-        recorder = Recorder(tmp_path / "run", patch)
-        go_on(tmp_path / "run")
-    assert contents(tmp_path / "run") == undisturbed
-    assert len(recorder.states) > 15, "too few to say anything"
-    every_state_goes_on(recorder, tmp_path / "states", undisturbed, monkeypatch)
+    assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least=15)
