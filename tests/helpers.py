@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import gbdqn_ref
-from gbdqn_ref import checkpoint, runs
+from gbdqn_ref import checkpoint, runs, train
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.train import Config, make_agent
 
@@ -25,6 +25,18 @@ PATIENCE = 120  # seconds to wait for a process; a loaded machine is slow, not b
 
 class Crash(BaseException):
     """A crash; it is no Exception, so no handler of errors can catch it."""
+
+
+def crashing_after(episode):
+    """train.run(), but it crashes after this episode."""
+
+    def run(*arguments):
+        for record in train.run(*arguments):
+            yield record
+            if record["episode"] == episode:
+                raise Crash
+
+    return run
 
 
 # --- agents ---------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from helpers import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, runs, study
+from gbdqn_ref import checkpoint, study
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS
@@ -104,29 +104,6 @@ def test_a_restored_agent_continues_identically(tmp_path, agent, bootstrap):
         assert checkpoint.load(tmp_path / str(episodes), again) == episodes
         assert [repr(record) for record in run(config, again, episodes)] == records[episodes:]
         assert state_bytes(again) == state_bytes(original)
-
-
-@every_agent
-def test_an_interrupted_run_resumes_to_the_same_bytes(tmp_path, monkeypatch, agent):
-    def dies(*arguments):
-        for record in run(*arguments):
-            yield record
-            if record["episode"] == 8:
-                raise KeyboardInterrupt
-
-    config = Config(agent=agent, bootstrap=0.5, **DRIFTING)
-    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", -1)  # a checkpoint at every episode
-    monkeypatch.setattr(runs.plots, "learning_curves", lambda *_: None)
-    monkeypatch.setattr(runs.plots, "save", lambda *_: None)
-    runs.train(config, tmp_path / "whole", quiet=True)
-    with monkeypatch.context() as patch:
-        patch.setattr(runs, "run", dies)
-        with pytest.raises(KeyboardInterrupt):
-            runs.train(config, tmp_path / "killed", quiet=True)
-    assert not (tmp_path / "killed" / "summary.json").exists()
-    runs.train(config, tmp_path / "killed", resume=True, quiet=True)
-    for name in ("config.json", "episodes.csv", "checkpoint.npz", "summary.json"):
-        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 @pytest.mark.parametrize("agent", sorted(set(AGENTS) - {"random"}))

@@ -11,10 +11,10 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from helpers import SMALL, Crash, checkpoints_every, contents, drifts_at
+from helpers import SMALL, Crash, checkpoints_every, contents, crashing_after, drifts_at
 from matplotlib.figure import Figure
 
-from gbdqn_ref import files, runs, train
+from gbdqn_ref import files, runs
 from gbdqn_ref.config import Config
 
 CONFIG = Config(
@@ -161,14 +161,8 @@ def test_every_crash_of_a_run_is_made_good(tmp_path, undisturbed, monkeypatch):
 def test_every_crash_of_a_run_that_goes_on_after_a_crash_is_made_good(
     tmp_path, undisturbed, monkeypatch
 ):
-    def crashing(*arguments):
-        for record in train.run(*arguments):
-            yield record
-            if record["episode"] == 3:
-                raise Crash
-
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "run", crashing)
+        patch.setattr(runs, "run", crashing_after(3))
         with pytest.raises(Crash):
             go_on(tmp_path / "run")
     assert (tmp_path / "run" / "episodes.csv").read_bytes().count(b"\n") == 5

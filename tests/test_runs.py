@@ -20,6 +20,7 @@ from helpers import (
     cli,
     command,
     contents,
+    crashing_after,
     drifts_at,
     environ,
     exact_state,
@@ -144,16 +145,9 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_bytes(
 @pytest.fixture
 def interrupted(tmp_path):
     """The folder of a GB-DQN that crashed in episode 20, with a checkpoint after 18."""
-
-    def run(*arguments):
-        for record in train.run(*arguments):
-            yield record
-            if record["episode"] == 20:
-                raise Crash
-
     with pytest.MonkeyPatch.context() as patch:
         checkpoints_every(9, patch)
-        patch.setattr(runs, "run", run)
+        patch.setattr(runs, "run", crashing_after(20))
         with pytest.raises(Crash):
             runs.train(config_of("gbdqn"), tmp_path / "interrupted", quiet=True)
     assert lines(tmp_path / "interrupted" / "episodes.csv") == 22
@@ -165,19 +159,12 @@ def interrupted(tmp_path):
 @pytest.mark.parametrize("agent", AGENTS)
 def test_every_agent_goes_on_as_if_it_had_never_stopped(tmp_path, monkeypatch, agent):
     """Random too, whose evaluation has its own generator."""
-
-    def run(*arguments):
-        for record in train.run(*arguments):
-            yield record
-            if record["episode"] == 10:
-                raise Crash
-
     config = Config(agent=agent, **SMALL | {"schedule": drifts_at(3, 6, 9)})
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"PNG"))
     runs.train(config, tmp_path / "straight", quiet=True)
     checkpoints_every(4, monkeypatch)
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "run", run)
+        patch.setattr(runs, "run", crashing_after(10))
         with pytest.raises(Crash):
             runs.train(config, tmp_path / "stopped", quiet=True)
     assert (tmp_path / "stopped" / "checkpoint.npz").exists()
