@@ -169,7 +169,7 @@ def test_a_push_can_be_reversed(name, by):
 @pytest.mark.parametrize("name", CONSTANTS)
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_no_factors_restore_the_stock_constants_whatever_came_before(name, data):
+def test_without_factors_a_setter_restores_the_stock_constants(name, data):
     setter, env = drift.ENVIRONMENTS[name][1], drifted(name)
     for earlier in data.draw(st.lists(factors_for(name), max_size=4)):
         setter(env, **earlier)

@@ -74,8 +74,8 @@ MALFORMED = {
     "a list of numbers": ([150, 250], "a schedule entry must be like"),
     "no episode": ([{"gravity": 2.0}], "'episode'"),
     "a negative episode": ([{"episode": -1, "gravity": 2.0}], "from 0 on"),
-    "half an episode": ([{"episode": 1.5, "gravity": 2.0}], "a whole number"),
-    "an episode that is true": ([{"episode": True, "gravity": 2.0}], "a whole number"),
+    "a fractional episode": ([{"episode": 1.5, "gravity": 2.0}], "a whole number"),
+    "true as an episode": ([{"episode": True, "gravity": 2.0}], "a whole number"),
     "decreasing episodes": (
         [{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}],
         "4 follows 5",
@@ -94,7 +94,7 @@ MALFORMED = {
         [{"episode": 1, "gravity": 0}],
         "'gravity' must be a number from 0.01 to 100, not 0",
     ),
-    "no push at all": (
+    "no push": (
         [{"episode": 1, "force": 0.0}],
         "'force' must be a number from 0.01 to 100, of either sign, not 0",
     ),
@@ -102,14 +102,14 @@ MALFORMED = {
         [{"episode": 1, "pole_mass": -1.0}],
         "'pole_mass' must be a number from 0.01 to 100",
     ),
-    "a factor that is no number": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
+    "a factor of NaN": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
     "an infinite factor": ([{"episode": 1, "force": float("inf")}], "'force'.*inf"),
     "a factor too small": ([{"episode": 1, "force": -0.009}], "from 0.01 to 100.*-0.009"),
     "a factor too large": ([{"episode": 1, "gravity": 101}], "from 0.01 to 100, not 101"),
     "a factor too large for a float": ([{"episode": 1, "gravity": 10**400}], "'gravity'"),
-    "a factor in words": ([{"episode": 1, "gravity": "2"}], "'gravity'.*'2'"),
-    "a factor that is true": ([{"episode": 1, "gravity": True}], "'gravity'.*True"),
-    "a factor that is missing": ([{"episode": 1, "gravity": None}], "'gravity'.*None"),
+    "a word for a factor": ([{"episode": 1, "gravity": "2"}], "'gravity'.*'2'"),
+    "true as a factor": ([{"episode": 1, "gravity": True}], "'gravity'.*True"),
+    "None as a factor": ([{"episode": 1, "gravity": None}], "'gravity'.*None"),
 }
 
 
