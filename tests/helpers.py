@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import gbdqn_ref
-from gbdqn_ref import checkpoint, runs, train
+from gbdqn_ref import checkpoint, runs, study, train
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.train import Config, make_agent
 
@@ -142,6 +142,15 @@ class Here(Executor):
         except Exception as e:
             future.set_exception(e)
         return future
+
+
+def train_here(monkeypatch):
+    """Let commands train their runs in this process, since a worker takes a second to start."""
+
+    def train_all(tasks, jobs, show):
+        return study._train_over(Here(), tasks, show)
+
+    monkeypatch.setattr(study, "train_all", train_all)
 
 
 def wait_for(condition):

@@ -1,7 +1,6 @@
 """The baselines and controls: each differs from DQN or GB-DQN only in what its name says."""
 
 import copy
-from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from helpers import (
     SMALL,
     A,
     D,
-    Here,
     agent_of,
     caught,
     drifts_at,
@@ -18,11 +16,12 @@ from helpers import (
     replay_bytes,
     state_bytes,
     states,
+    train_here,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, study
+from gbdqn_ref import checkpoint
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS
@@ -132,8 +131,7 @@ def test_the_replay_controls_differ_only_in_the_replay(control, agent, replay, k
 
 
 def test_compare_takes_every_agent(tmp_path, capsys, monkeypatch):
-    run_here = partial(study.run_study, executor=Here())  # eleven processes would take long
-    monkeypatch.setattr(study, "run_study", run_here)
+    train_here(monkeypatch)
     settings = flags(**SMALL | dict(episodes=4, schedule=[{"episode": 2, "length": 2}]))
     agents, out = ",".join(AGENTS), str(tmp_path)
     assert main(["compare", "--agents", agents, *settings, "--out", out, "--quiet"]) == 0

@@ -26,6 +26,7 @@ from helpers import (
     exact_state,
     flags,
     refused,
+    train_here,
 )
 from matplotlib.figure import Figure
 
@@ -569,7 +570,8 @@ def test_compare_trains_both_agents_and_changes_nothing_when_repeated(tmp_path, 
     assert contents(out) == first
 
 
-def test_compare_finishes_interrupted_runs(tmp_path, interrupted, undisturbed, capsys):
+def test_compare_finishes_interrupted_runs(tmp_path, interrupted, undisturbed, monkeypatch):
+    train_here(monkeypatch)
     out = tmp_path / "both"
     shutil.copytree(interrupted, out / "gbdqn")
     assert __main__.main(["compare", *SETTINGS, "--out", str(out), "--quiet"]) == 0

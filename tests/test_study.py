@@ -10,7 +10,7 @@ import threading
 from dataclasses import replace
 
 import pytest
-from helpers import SMALL, Here, command, contents, environ, flags, refused, wait_for
+from helpers import SMALL, Here, command, contents, environ, flags, refused, train_here, wait_for
 
 from gbdqn_ref import UsageError, files, plots, runs, study, tables
 from gbdqn_ref.__main__ import main
@@ -306,7 +306,8 @@ def test_a_wrong_command_is_refused(tmp_path, capsys, arguments, keyword):
     refused(capsys, tmp_path, [*start, *arguments], keyword)
 
 
-def test_a_single_seed_has_no_spread(tmp_path, capsys):
+def test_a_single_seed_has_no_spread(tmp_path, capsys, monkeypatch):
+    train_here(monkeypatch)
     arguments = ["study", "--agents", "dqn,random", "--seeds", "1", "--quiet", *flags(**DRIFTING)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
