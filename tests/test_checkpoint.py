@@ -179,13 +179,13 @@ def test_a_truncated_file_is_refused(saved, kept):
 )
 def test_a_file_that_is_something_else_is_refused(saved, content):
     saved[0].write_bytes(content)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_single_array_is_refused(saved):
     with open(saved[0], "wb") as file:
         np.save(file, np.zeros(3))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_a_single_array_is_refused(saved):
 )
 def test_arrays_of_something_else_are_refused(saved, arrays):
     np.savez(saved[0], **arrays)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
@@ -286,7 +286,7 @@ def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
 )
 def test_a_header_that_cannot_be_is_refused(saved, header):
     rewritten(saved[0], header)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize("text", ["many", "[]", "{}", '{"bit_generator": "PCG64"}', "state"])
@@ -296,7 +296,7 @@ def test_a_generator_that_cannot_be_is_refused(saved, text):
         state["state"]["state"] = -1
         text = json.dumps(state)
     rewritten(saved[0], rng=np.array(text))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(

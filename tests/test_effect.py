@@ -89,7 +89,7 @@ def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
 
 
 def test_a_single_episode_has_no_standard_error(tmp_path):
-    with pytest.raises(UsageError, match="2 episodes or more, not 1"):
+    with pytest.raises(UsageError, match="at least 2 episodes, not 1"):
         effect.drift_effect(Config(agent="random"), tmp_path / "out", episodes=1)
     assert not (tmp_path / "out").exists()
 

@@ -241,7 +241,7 @@ def test_a_name_that_is_no_folder_on_every_system_is_refused(tmp_path, name):
 
 def test_names_that_some_systems_take_for_one_are_refused(tmp_path):
     configs = {"lr": AGENTS["dqn"], "LR": AGENTS["random"]}
-    with pytest.raises(UsageError, match="upper and lower case"):
+    with pytest.raises(UsageError, match="only in case"):
         study.run_study(configs, tmp_path, Here(), quiet=True)
 
 
