@@ -145,13 +145,13 @@ def test_a_truncated_file_is_refused(saved, kept):
 )
 def test_a_file_of_another_kind_is_refused(saved, content):
     saved[0].write_bytes(content)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_single_array_is_refused(saved):
     with open(saved[0], "wb") as file:
         np.save(file, np.zeros(3))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_a_single_array_is_refused(saved):
 )
 def test_an_archive_of_other_arrays_is_refused(saved, arrays):
     np.savez(saved[0], **arrays)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
@@ -251,7 +251,7 @@ def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
 )
 def test_an_invalid_header_is_refused(saved, header):
     rewritten(saved[0], header)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize("text", ["many", "[]", "{}", '{"bit_generator": "PCG64"}', "state"])
@@ -261,7 +261,7 @@ def test_an_invalid_generator_state_is_refused(saved, text):
         state["state"]["state"] = -1
         text = json.dumps(state)
     rewritten(saved[0], rng=np.array(text))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(

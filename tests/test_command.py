@@ -210,7 +210,7 @@ def test_every_setting_is_listed_with_its_default_and_range(capsys):
         assert words == SETTINGS[name][1].words
         assert meaning.endswith(".")
     assert rows["gamma"] == ["0.99", "paper", "a number in [0, 1)", "Discount γ."]
-    assert rows["window"][3].endswith(" Read by sliding alone.")
+    assert rows["window"][3].endswith(" Only for sliding.")
     assert rows["members"][1] == "ours (D19)"
     assert rows["mix"][1] == "ours (D13)"
     assert rows["seed"][1] == "free"

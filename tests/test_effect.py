@@ -89,7 +89,7 @@ def test_regimes_equal_to_six_digits_are_still_distinct(tmp_path):
 
 
 def test_drift_effect_needs_at_least_two_episodes(tmp_path):
-    with pytest.raises(UsageError, match="2 episodes or more, not 1"):
+    with pytest.raises(UsageError, match="at least 2 episodes, not 1"):
         effect.drift_effect(Config(agent="random"), tmp_path / "out", episodes=1)
     assert not (tmp_path / "out").exists()
 

@@ -109,7 +109,7 @@ def test_a_learning_curve_says_what_it_shows():
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("episode", "return")
     assert figure.get_suptitle() == (
-        "CartPole, seed 7: episodes, and means of the last 15; grey: not the stock physics"
+        "CartPole, seed 7: episodes, and means of the last 15; grey: drifted physics"
     )
 
 
@@ -228,11 +228,11 @@ def test_panels_follow_the_order_of_the_agents_and_spare_ones_are_hidden():
 
 def test_a_study_says_what_it_shows():
     _, figure = study(dqn=[[1] * 20])
-    assert figure.get_supxlabel() == "episode (grey: not the stock physics)"
+    assert figure.get_supxlabel() == "episode (grey: drifted physics)"
     assert figure.get_supylabel() == "return, mean of the last 15"
     assert figure.get_suptitle() == (
         "CartPole: seeds (thin), their mean (thick), its 95 % bootstrap interval (band);\n"
-        "the mean of DQN (dashed), the random policy (dotted)"
+        "DQN's mean (dashed), the random policy (dotted)"
     )
 
 
@@ -331,7 +331,7 @@ def test_the_axes_after_a_drift(adaptation):
         "gravity × 3\nlength × 2",
         "reset:\nstock physics",
     ]
-    assert above.get_ylabel() == "recovery, episodes"
+    assert above.get_ylabel() == "recovery (episodes)"
     assert below.get_ylabel() == "area (0: random, 1: as before)"
     assert above.get_shared_x_axes().joined(above, below)
 
@@ -430,14 +430,14 @@ def test_the_maps_share_colour_scales_and_labels(maps):
     assert [patch.get_facecolor() for patch in legend.get_patches()] == colours
     assert [axes.get_title(loc="left") for axes in maps.axes[:6]] == [
         "$\\mathrm{max}_a\\, Q_{11}$",
-        "$\\alpha\\, h_{12}$, at $Q_{12}$'s action",
+        "$\\alpha\\, h_{12}$, at $Q_{12}$'s greedy action",
         "$\\mathrm{max}_a\\, Q_{12}$",
-        "greedy in $Q_{11}$",
-        "where that changed (black)",
-        "greedy in $Q_{12}$",
+        "greedy action of $Q_{11}$",
+        "changed (black)",
+        "greedy action of $Q_{12}$",
     ]
     assert [axes.get_xlabel() for axes in maps.axes[:6]] == [""] * 3 + ["position"] * 3
-    assert [axes.get_ylabel() for axes in maps.axes[:6]] == ["velocity, per step", "", ""] * 2
+    assert [axes.get_ylabel() for axes in maps.axes[:6]] == ["velocity per step", "", ""] * 2
 
 
 def test_each_value_map_has_a_colour_bar(maps):
@@ -544,7 +544,7 @@ def test_a_figure_is_saved_as_png_in_a_new_folder(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("x.pdf", r"is written as \.png"), ("x", r"is written as \.png"), (".", "is a folder")],
+    [("x.pdf", r"is a \.png file"), ("x", r"is a \.png file"), (".", "is a folder")],
 )
 def test_another_file_type_is_refused(tmp_path, name, words):
     with pytest.raises(UsageError, match=words):

@@ -73,9 +73,9 @@ MALFORMED = {
     "a word": ("drift", "must be a list"),
     "a list of numbers": ([150, 250], "a schedule entry must be like"),
     "no episode": ([{"gravity": 2.0}], "'episode'"),
-    "a negative episode": ([{"episode": -1, "gravity": 2.0}], "from 0 on"),
-    "a fractional episode": ([{"episode": 1.5, "gravity": 2.0}], "a whole number"),
-    "true as an episode": ([{"episode": True, "gravity": 2.0}], "a whole number"),
+    "a negative episode": ([{"episode": -1, "gravity": 2.0}], "non-negative"),
+    "a fractional episode": ([{"episode": 1.5, "gravity": 2.0}], "non-negative whole number"),
+    "true as an episode": ([{"episode": True, "gravity": 2.0}], "non-negative whole number"),
     "decreasing episodes": (
         [{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}],
         "4 follows 5",

@@ -217,7 +217,7 @@ def test_a_name_that_some_system_cannot_use_is_refused(tmp_path, name):
 
 def test_names_that_differ_only_in_case_are_refused(tmp_path):
     configs = {"lr": AGENTS["dqn"], "LR": AGENTS["random"]}
-    with pytest.raises(UsageError, match="upper and lower case"):
+    with pytest.raises(UsageError, match="only in case"):
         study.run_study(configs, tmp_path, Here(), quiet=True)
 
 

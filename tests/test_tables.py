@@ -75,8 +75,8 @@ def test_the_table_of_regimes():
         "GB-DQN ended with 31% of its samples drawn by recency",
         "drop: share of the earlier level lost in the first 20 episodes after the drift (0 ="
         " random policy)",
-        "recovery: episodes until a mean of 10 is back at 90% of that level; never: not within the"
-        " regime",
+        "recovery: episodes until the mean of 10 is back at 90% of that level; never: not within"
+        " the regime",
         "–: there is no earlier level, or it was no better than the random policy's",
     ]
 
@@ -180,8 +180,8 @@ def test_the_table_of_drift_effect():
             ["a drift", "-200.0", "-150.0", "-100.0", "50%"],
         ],
         [
-            "frozen: trained in the stock physics, then no longer learning; trained: in this"
-            " regime from the start",
+            "frozen: trained in the stock physics, then fixed; trained: trained in this regime"
+            " from the start",
             "lost: share of the gain from random to trained that frozen misses; –: trained is no"
             " better than random",
             "1 of 1 drifts cost at least 20% of the gain",

@@ -158,7 +158,7 @@ def test_a_film_is_a_looping_gif(tmp_path):
             film.seek(k)
             frames.append(film.convert("RGB").getpixel((0, watch.CAPTION))[0])
     assert frames[:3] == [0, 1, 2] and frames[-1] == 2
-    with pytest.raises(UsageError, match=r"is written as \.gif"):
+    with pytest.raises(UsageError, match=r"is a \.gif file"):
         watch.save([episode(3)], tmp_path / "film.mp4")
 
 
@@ -173,7 +173,7 @@ def test_the_command_films_the_same_start_in_both_physics(run, tmp_path, capsys)
         first = np.asarray(film.convert("RGB"))[watch.CAPTION :]
     assert (first[:, : watch.WIDTH] == first[:, watch.WIDTH :]).all() and first.std() > 0
     assert capsys.readouterr().out == (
-        f"before the drift -200.0, after it -200.0; the film: {path}\n"
+        f"return before the drift -200.0, after it -200.0; film: {path}\n"
     )
 
 
@@ -242,9 +242,9 @@ def test_a_machine_that_cannot_draw_is_told_in_one_line(run, tmp_path, monkeypat
         (["watch", "RUN", "--drift", "0"], "it has 1 to 2"),
         (["watch", "RUN", "--seed", "-1"], "--seed must be"),
         (["watch", "RUN", "--out", "."], "is a folder"),
-        (["watch", "RUN", "--out", "new/film.mp4"], "written as .gif"),
+        (["watch", "RUN", "--out", "new/film.mp4"], "is a .gif file"),
         (["watch", "NOTHING", "--out", "new/film.gif"], "there is no run"),
-        (["maps", "RUN", "--out", "new/maps.pdf"], "written as .png"),
+        (["maps", "RUN", "--out", "new/maps.pdf"], "is a .png file"),
         (["maps", "NOTHING", "--out", "new/maps.png"], "there is no run"),
         (["watch", "NOTHING"], "there is no run"),
         (["maps", "RUN", "--booster", "1"], "it has 2 to 3"),
@@ -350,7 +350,7 @@ def test_the_command_writes_the_maps(run, tmp_path, capsys):
     path = tmp_path / "new" / "maps.png"
     assert main(["maps", str(run), "--out", str(path)]) == 0
     assert path.read_bytes().startswith(b"\x89PNG")
-    assert capsys.readouterr().out == f"the picture: {path}\n"
+    assert capsys.readouterr().out == f"picture: {path}\n"
 
 
 def test_the_plane_is_mountaincars():
