@@ -38,23 +38,23 @@ def run(config: Config, agent: Any = None, first_episode: int = 0) -> Iterator[d
     env = drift.make(config.env, config.schedule)
     last = {regime.end - 1 for regime in config.regimes}
     for episode in range(first_episode, config.episodes):
-        # more threads are slower on matrices this small; overflow is checked for below
-        with THREADS.limit(limits=1), np.errstate(over="ignore", invalid="ignore"):
-            try:
-                record = _train_episode(agent, env, config, episode)
-            except FloatingPointError as e:
-                raise DivergenceError(
-                    f"training diverged in episode {episode}, step {agent.steps}: {e}; the likely "
-                    f"cause is lr={config.lr:g}, so try a smaller one"
-                ) from e
-            if episode in last:
-                judged = agent.finish() if episode + 1 == config.episodes else agent
-                record["evaluation"] = evaluate_regimes(judged, env, config)
+        try:
+            # more threads are slower on matrices this small; overflow is checked for
+            with THREADS.limit(limits=1), np.errstate(over="ignore", invalid="ignore"):
+                record = train_episode(agent, env, config, episode)
+        except FloatingPointError as e:
+            raise DivergenceError(
+                f"training diverged in episode {episode}, step {agent.steps}: {e}; the likely "
+                f"cause is lr={config.lr:g}, so try a smaller one"
+            ) from e
+        if episode in last:
+            judged = agent.finish() if episode + 1 == config.episodes else agent
+            record["evaluation"] = evaluate_regimes(judged, env, config)
         yield record
 
 
-def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode: int) -> dict:
-    """The record of one episode of training."""
+def train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode: int) -> dict:
+    """Train for one episode; its record, without an evaluation."""
     seed = episode_seed(config.seed, episode)
     s, info = env.reset(seed=seed, options={"episode": episode})
     if event := announced(agent.config.drift_signal, episode, info["event"]):
@@ -127,11 +127,15 @@ def evaluate(
 
     Nothing is learnt.
     """
-    returns = np.zeros(episodes)
-    for k in range(episodes):
-        s, _ = env.reset(seed=episode_seed(seed, k), options={"episode": start})
-        ends = False
-        while not ends:
-            s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
-            ends, returns[k] = terminated or truncated, returns[k] + float(r)
-    return returns
+    with THREADS.limit(limits=1):
+        return np.array([_play(agent, env, episode_seed(seed, k), start) for k in range(episodes)])
+
+
+def _play(agent: Any, env: drift.DriftWrapper, seed: int, episode: int) -> float:
+    """The return of one greedy episode."""
+    s, _ = env.reset(seed=seed, options={"episode": episode})
+    total, ends = 0.0, False
+    while not ends:
+        s, r, terminated, truncated, _ = env.step(agent.act(s, greedy=True))
+        ends, total = terminated or truncated, total + float(r)
+    return total

@@ -25,7 +25,7 @@ from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.nn import MLP
 from gbdqn_ref.replay import ProportionalReplay, td_priority
 from gbdqn_ref.tabular import MDP
-from gbdqn_ref.train import run
+from gbdqn_ref.train import run, train_episode
 
 # %% [markdown]
 # ## Algorithm 1, lines 1–29 · Where each line lives
@@ -37,12 +37,12 @@ from gbdqn_ref.train import run
 LINES = (
     ("1", "the network that learns, h_m", GBDQN._new_booster, "self.theta = self.net.init("),
     ("2", "the frozen sum, Q_{m−1}", GBDQN.__init__, "self.ensemble = Ensemble(self.net)"),
-    ("3", "how many episodes", Config, "episodes: int"),
+    ("3", "how many episodes", Config, "episodes: Annotated[int"),
     ("4", "for each episode", run, "for episode in range("),
-    ("5", "put the environment into a start state", run, "s, info = env.reset("),
-    ("6", "for each step of it", run, "while not ends:"),
+    ("5", "put the environment into a start state", train_episode, "s, info = env.reset("),
+    ("6", "for each step of it", train_episode, "while not ends:"),
     ("7", "choose by the softmax of Q_{m−1} (D6, D10)", DQN.act, "softmax_sample(self.q(s)"),
-    ("8", "act", run, "env.step(a)"),
+    ("8", "act", train_episode, "env.step(a)"),
     (
         "9–11",
         "target, residual and priority of the new transition (D4)",
@@ -63,10 +63,10 @@ LINES = (
     ("18", "its priority anew, Eq. 10", GBDQN.learn, "self.replay.update_priorities("),
     ("19", "its loss, weighted (D2)", GBDQN.learn, "bellman.loss_gradient(error"),
     ("21", "one step of gradient descent on θ_m", GBDQN.learn, "self.adam.step(self.theta, grad)"),
-    ("22–24", "leave the loop where the episode ends", run, "terminated or truncated"),
-    ("25", "go on from the next state", run, "s, ends, length, total = s2"),
+    ("22–24", "leave the loop where the episode ends", train_episode, "terminated or truncated"),
+    ("25", "go on from the next state", train_episode, "s, ends, length, total = s2"),
     ("26", "let the target network follow (D9)", GBDQN.learn, "polyak("),
-    ("27, 28", "end of step, end of episode", run, "yield {"),
+    ("27, 28", "end of step, end of episode", run, "yield record"),
     (
         "29",
         "add α_m h_m to the sum, Eq. 9",

@@ -20,8 +20,8 @@ threads = lambda: sorted({{pool["num_threads"] for pool in threadpool_info()}})
 def note(where, call):
     return lambda *arguments: (seen[where].append(threads()), call(*arguments))[1]
 
-train._train_episode = note("inside", train._train_episode)
-train.evaluate_regimes = note("evaluating", train.evaluate_regimes)
+train.train_episode = note("inside", train.train_episode)
+train._play = note("evaluating", train._play)
 before = threads()
 long, short = (
     run(Config(agent=agent, **{small!r} | dict(episodes=episodes)))
@@ -44,5 +44,5 @@ def test_two_interleaved_runs_train_with_one_thread_and_restore_the_rest(first):
     printed = subprocess.check_output([sys.executable, "-c", code], env=environ(**variables))
     seen = json.loads(printed)
     assert seen["before"] == seen["after"] == [2], "this machine's BLAS has no second thread"
-    assert seen["inside"] == [[1]] * 9 and seen["evaluating"] == [[1]] * 2
+    assert seen["inside"] == [[1]] * 9 and seen["evaluating"] == [[1]] * 10
     assert seen["between"] == [[2]] * 6
