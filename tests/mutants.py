@@ -17,7 +17,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parent.parent
 LEAST = 0.9
 EXPLAINED = Path(__file__).with_name("survivors.md").read_text(encoding="utf-8")
-PROCESSES = ["process", "killed", "dask", "workers", "backend", "progress", "compare_trains"]
+PROCESSES = ["process", "killed", "dask", "workers", "backend", "default_folder", "compare_trains"]
 COPIED = ["gbdqn_ref", "tests", "paper_checks", "notebooks", "conftest.py", "README.md"]
 
 
