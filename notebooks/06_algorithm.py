@@ -71,7 +71,7 @@ LINES = (
         "29",
         "add α_m h_m to the sum, Eq. 9",
         GBDQN.fold_in,
-        "self.ensemble.add(self.theta, self.alpha)",
+        "self.ensemble.add(self.theta, self.alpha",
     ),
 )
 table = "| printed | in our words | where | the line of code |\n|---|---|---|---|\n"
