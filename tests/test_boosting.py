@@ -166,7 +166,7 @@ def test_an_alpha_too_large_for_a_float_becomes_the_largest_float(sign):
 def test_an_alpha_that_float32_cannot_hold_is_refused(alpha):
     """In float32 it is infinite, but the cached predictions would use the number itself."""
     ensemble = Ensemble(MLP((2, 3)))
-    with pytest.raises(FloatingPointError, match=re.escape(f"booster: {alpha}")):
+    with pytest.raises(FloatingPointError, match=re.escape(f"step size of {alpha}")):
         ensemble.add(ensemble.net.init(np.random.default_rng(0)), alpha)
     assert len(ensemble) == len(ensemble.theta) == 0
 
