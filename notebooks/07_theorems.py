@@ -153,7 +153,9 @@ assert shrunk == F(1007802, 1000000)
 # $$g(Q') = \mathcal{T}Q' - Q' = \underbrace{(\mathcal{T}Q' - \mathcal{T}Q)}_{\text{at most } \gamma\alpha\|g\|_\infty}
 #   + (1-\alpha)\,g \quad\Longrightarrow\quad \|g(Q')\|_\infty \le (|1-\alpha| + \alpha\gamma)\,\|g\|_\infty$$
 #
-# because 𝒯 brings any two Q-functions closer by γ in the sup norm (claim T1-h). It shrinks for 0 < α < 2/(1 + γ).
+# because 𝒯 brings any two Q-functions closer by γ in the sup norm (claim T1-h). This takes α ≥ 0 and an exact fit on
+# every pair. The bound shrinks if and only if 0 < α < 2/(1 + γ). The drifted loop meets it up to α = 1; beyond that, two
+# states that swap do.
 
 # %%
 gamma, steps, ratios = 0.9, [], []
@@ -300,6 +302,9 @@ assert formula @ g[0] == 0
 # The true gradient (−2/3, 1/3) is at a right angle to g = (1, 2): along the residual the error is flat. Raising
 # $Q(s, a_1)$ repairs one residual and, through the max, adds γ to *both* targets.
 #
+# The sketch can be read more kindly: h and α are chosen together to minimise E. With every pair in the data,
+# $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q). But to find this h is to solve the MDP.
+#
 # **What holds instead** (claim T2-f). If every pair is in the data and the fit is exact (α = 1), then
 # $\|g_m\|_\infty \le \gamma^m \|g_0\|_\infty$, and since $\min\mu\,\|g\|_\infty^2 \le E_\mu \le \|g\|_\infty^2$,
 #
@@ -433,9 +438,12 @@ assert abs(P - ideal).sum() / 2 == F(2, 15)
 # 4 : 1 of it. In general a mixture's ratio $P_1 : P_2$ lies *between* the ratios of its ingredients, and where both are
 # above 1 their product lies outside (claim T3-k).
 #
-# A larger buffer makes it worse, not better (claim T3-b). Recency adds up to at most $1/(1-e^{-\alpha})$, however old
-# the data, while $\sum|\delta|$ grows with N. So the rule tends to plain prioritised replay *without* recency, and the
-# ideal keeps to the newest few hundred.
+# A larger buffer makes it worse, not better (claim T3-b), if α and β > 0 stay as they are and $m \le |\delta_i| \le M$
+# with m > 0. Recency adds up to at most $1/(1-e^{-\alpha})$, however old the data, while $\sum|\delta|$ is at least mN.
+# So the rule tends to plain prioritised replay *without* recency, and the ideal keeps to the newest few hundred. In
+# numbers, let K be the newest k of N. The ideal leaves at most $(M/m)\,e^{-\alpha k}$ outside K, and the rule gives K
+# at most $[kM + (1-\beta)/(\beta(1-e^{-\alpha}))]/(mN)$. With $k = \lceil \ln N/\alpha \rceil$ both tend to 0, so
+# the distance, at least $P^*(K) - P(K)$, tends to 1. If |δ| fades with age like recency itself, it stays at ¼.
 
 # %%
 rng, sizes = np.random.default_rng(0), (10**2, 10**3, 10**4, 10**5, 10**6)
@@ -556,8 +564,8 @@ assert change.tolist() == [1, 1000]
 # ## Theorem 4, part 2 · adaptation
 #
 # *As printed:* after a drift, if each $h_m$ approximates $g_{m-1}$ and $\alpha_m$ lowers the squared Bellman error as
-# in Theorem 1, then $Q_m \to Q^*_{\text{new}}$ in $L_2$ of the data. “As in Theorem 1” can be read in two ways: the
-# error with the target frozen, which Eq. 8 lowers, or the true one.
+# in Theorem 1, then $Q_m \to Q^*_{\text{new}}$ in $L_2$ of the data. That error can be read in two ways: with the
+# target frozen, as Eq. 8 lowers it, or the true one.
 #
 # > **Predict, then run.** γ = 0.9, one state, two loops; only $a_0$ is in the data. After the drift all rewards are 0,
 # > so $Q^*_{\text{new}}$ = (0, 0). **A**: Q = (1, 2), learners are multiples of (1, 2), and α is Eq. 8's. **B**:
@@ -587,14 +595,16 @@ assert reading_b.tolist() == [[9, 10]]
 # boost with a Bellman error of 0 at (9, 10): on the data it was *right* before, and is now wrong by 9 (claim T4-c). The
 # max looks at $a_1$, and no data ever corrected it.
 #
-# **What holds instead** (claim T4-d). If every pair is in the data, each fit is within ε of the residual *everywhere*,
+# **What holds instead** (claim T4-d). If each fit is within ε of the residual at *every* pair (so every pair needs data),
 # and α is in (0, 1], then with $e_m = \|Q_m - Q^*_{\text{new}}\|_\infty$
 #
 # $$e_m \le (1 - \alpha(1-\gamma))\,e_{m-1} + \alpha\,\varepsilon \qquad\Longrightarrow\qquad
 #   \limsup_m e_m \le \frac{\varepsilon}{1-\gamma} .$$
 #
 # Derive it in one line: $Q_m - Q^* = (1-\alpha)(Q - Q^*) + \alpha(\mathcal{T}Q - \mathcal{T}Q^*) + \alpha(h - g)$. The step
-# α is not in the bound: small steps do not make up for fits that keep missing (claim B12).
+# α is not in the bound: small steps do not make up for fits that keep missing (claim B12). It may change from boost to
+# boost as long as $\sum \alpha_m = \infty$: what exceeds $\varepsilon/(1-\gamma)$ is multiplied by at most
+# $1 - \alpha_m(1-\gamma) \le e^{-\alpha_m(1-\gamma)}$ each time.
 
 # %%
 gamma, epsilon, boosts = 0.9, 0.1, 120
@@ -674,10 +684,10 @@ assert boosts_needed == [459, 4603]
 # |---|---|---|
 # | T1-b | every line of the proof of Theorem 1 | holds |
 # | T1-c | B > 0 unless h = 0 | on the sample: h(s) = s(1 − s) at s = 0 and 1 has B = 0 |
-# | T1-i | random rewards do no harm | the residual falls down to their noise, and no further |
+# | T1-i | random rewards do no harm | the residual falls until only reward noise is left; then A = 0 |
 # | T2-j | $E_\mu$ depends on Q in $L_2(\mu)$ alone | no, $\mathcal{T}$ looks where μ does not |
-# | T2-l | μ may be the buffer's | if it stands still |
-# | T2-o | *some* direction always lowers $E_\mu$ | yes, $(I - \gamma P_\pi)^{-1} g$, but that is not the residual g |
+# | T2-l | μ may be the buffer's | if it is fixed |
+# | T2-o | *some* direction always lowers $E_\mu$ | with every pair in μ: $(I - \gamma P_\pi)^{-1} g$, which is not the residual g |
 # | T2-p | somewhere the residual itself descends | for a fixed policy, with μ its stationary distribution |
 # | T3-d | the mixture nearest to the product in KL is the product | no: of \|δ\| = (1, 2, 4) and recencies (1, ½, ¼) the product is even, the nearest mixture (5, 4, 5)/14 |
 # | T3-e | \|δ\|^γ tends to \|δ\| | if γ tends to 1, not as the buffer grows |

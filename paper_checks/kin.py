@@ -12,6 +12,7 @@ Letters: P, r, γ, Q, g as in tabular; h a booster, α its weight.
 from itertools import islice
 
 import numpy as np
+from worlds import ROOMS, chain
 
 from gbdqn_ref.tabular import MDP
 
@@ -132,11 +133,9 @@ def rooms(goal, absorbing):
 
     Absorbing: −1 a step, and the goal is never left. Else: 1 for each step against the goal's wall.
     """
-    P, r = np.zeros((10, 2, 10)), np.zeros((10, 2))
-    for s, a in np.ndindex(10, 2):
-        P[s, a, np.clip(s + (-1, 1)[a], 0, 9)] = 1
+    P, r = chain(np.zeros((ROOMS, 2))).P.astype(float), np.zeros((ROOMS, 2))
     if absorbing:
-        P[goal], r = np.eye(10)[goal], np.where(np.arange(10)[:, None] == goal, 0.0, -1 - r)
+        P[goal], r = np.eye(ROOMS)[goal], np.where(np.arange(ROOMS)[:, None] == goal, 0.0, -1 - r)
     else:
         r[goal, int(goal > 0)] = 1
     return MDP(P, r, GAMMA)
@@ -144,7 +143,7 @@ def rooms(goal, absorbing):
 
 def moved_goal(absorbing):
     """(the new MDP, the old Q*): the goal moves from the first room to the last."""
-    return rooms(9, absorbing), rooms(0, absorbing).q_star()
+    return rooms(ROOMS - 1, absorbing), rooms(0, absorbing).q_star()
 
 
 def drifted(seed, states=30, actions=2, successors=3):

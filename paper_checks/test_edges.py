@@ -9,31 +9,15 @@ from fractions import Fraction as F
 import gymnasium
 import numpy as np
 import pytest
-from ledger import control
+from ledger import claim, control, shows
+from worlds import column, loops, row, swap
 
 from gbdqn_ref.bellman import epsilon_schedule
 from gbdqn_ref.drift import make
 from gbdqn_ref.replay import mixed_priority, time_priority
-from gbdqn_ref.tabular import MDP
 
 GAMMA = F(9, 10)
-
-
-def exact(rows):
-    return np.array([[F(x) for x in row] for row in rows])
-
-
-def loops(*rewards, gamma=GAMMA):
-    """One state whose actions all stay in it."""
-    return MDP(np.full((1, len(rewards), 1), F(1)), exact([rewards]), gamma)
-
-
-def swap():
-    """Two states, one action each, which change places; no rewards, so Q* = 0."""
-    return MDP(np.array([exact([[0, 1]]), exact([[1, 0]])]), exact([[0], [0]]), GAMMA)
-
-
-OPPOSITE = exact([[1], [-1]])  # on the swap
+OPPOSITE = column(1, -1)  # on the swap
 
 
 # T1-h: for every finite MDP, Q and α ≥ 0, ‖res(Q + αg)‖∞ ≤ (|1 − α| + αγ) ‖g‖∞
@@ -45,26 +29,31 @@ def stretch(mdp, Q, alpha):
     return abs(mdp.residual(Q + alpha * g)).max() / abs(g).max()
 
 
+@claim("T1-h")
 @pytest.mark.parametrize("alpha", [F(0), F(1, 10), F(1), F(20, 19), F(3, 2), F(2)])
 def test_the_bound_is_attained_for_every_step(alpha):
-    """Up to α = 1 by a loop, from there on by two states that swap, and by the loop no longer."""
+    """Up to α = 1 by the drifted loop, from there on by two states that swap, and by the loop no
+    longer; the bound is below 1 if and only if 0 < α < 2/(1 + γ).
+    """
     bound = abs(1 - alpha) + alpha * GAMMA
-    by_loop, by_swap = stretch(loops(1), exact([[0]]), alpha), stretch(swap(), OPPOSITE, alpha)
+    by_loop = stretch(loops((0, 1), GAMMA), row(0, 0), alpha)
+    by_swap = stretch(swap(GAMMA), OPPOSITE, alpha)
     assert max(by_loop, by_swap) == bound
     assert (by_loop < bound) == (alpha > 1)
     assert (bound < 1) == (0 < alpha < 2 / (1 + GAMMA))
+    shows("attained: by the drifted loop up to α = {}, by two states that swap from there on", F(1))
 
 
 @control("T1-h")
 def test_edge_a_negative_step_stretches_more():
     """α = −1 on the swap: 1 + |α| + |α| γ = 2.9, where the bound would be 2 − γ = 1.1."""
-    assert stretch(swap(), OPPOSITE, F(-1)) == 2 + GAMMA > 2 - GAMMA
+    assert stretch(swap(GAMMA), OPPOSITE, F(-1)) == 2 + GAMMA > 2 - GAMMA
 
 
 @control("T1-h")
 def test_edge_in_squares_the_residual_can_grow():
     """The loop with rewards (0, 1) at Q = 0 and α = 1: 1 becomes 2γ²; ‖g‖∞ falls to γ."""
-    mdp, Q = loops(0, 1), exact([[0, 0]])
+    mdp, Q = loops((0, 1), GAMMA), row(0, 0)
     after = mdp.residual(Q + mdp.residual(Q))
     assert (after**2).sum() == 2 * GAMMA**2 > 1 and abs(after).max() == GAMMA
 
@@ -74,12 +63,13 @@ def test_edge_in_squares_the_residual_can_grow():
 
 def newton(slope):
     """On loops with rewards (0, 1) at the tie Q = (0, 0): d = g + γ 𝒯′, given the slope 𝒯′."""
-    return loops(0, 1), exact([[0, 0]]), exact([[GAMMA * slope, 1 + GAMMA * slope]])
+    return loops((0, 1), GAMMA), row(0, 0), row(GAMMA * slope, 1 + GAMMA * slope)
 
 
-EVERYWHERE = exact([[F(1, 4), F(3, 4)]])
+EVERYWHERE = row(F(1, 4), F(3, 4))
 
 
+@claim("T2-o")
 @pytest.mark.parametrize("step", [F(1, 100), F(1, 2), F(1)])
 def test_newtons_direction_passes_a_tie(step):
     """The steepest of the tied actions has slope d₁ = 1 + γ d₁ = 10."""
@@ -87,6 +77,7 @@ def test_newtons_direction_passes_a_tie(step):
     assert d[0].max() == 10
     before, after = (mdp.bellman_error(q, EVERYWHERE) for q in (Q, Q + step * d))
     assert after == (1 - step) ** 2 * before < before
+    shows("at the tie Q = ({}) of two loops, r = ({}): d = ({})", Q, mdp.r, d)
 
 
 @control("T2-o")
@@ -101,14 +92,14 @@ def test_edge_at_a_tie_the_first_of_the_best_actions_is_not_enough():
 @control("T2-o")
 def test_edge_where_mu_leaves_a_pair_out_e_has_another_minimum():
     """μ on a₀ alone: E = 0 at Q = (9, 10), and Q* = (0, 0)."""
-    mdp, Q = loops(0, 0), exact([[9, 10]])
-    assert mdp.bellman_error(Q, exact([[1, 0]])) == 0 != mdp.bellman_error(Q, EVERYWHERE)
+    mdp, Q = loops((0, 0), GAMMA), row(9, 10)
+    assert mdp.bellman_error(Q, row(1, 0)) == 0 != mdp.bellman_error(Q, EVERYWHERE)
 
 
 @control("T2-o")
 def test_edge_too_long_a_step_lets_another_action_overtake():
     """Rewards (−0.9, 30), Q = (1, 0): d = (−10, 21.9), so from ε = 1/31.9 on a₁ is greedy."""
-    mdp, Q, d = loops(F(-9, 10), 30), exact([[1, 0]]), exact([[-10, F(219, 10)]])
+    mdp, Q, d = loops((F(-9, 10), 30), GAMMA), row(1, 0), row(-10, F(219, 10))
     assert (d == mdp.residual(Q) + GAMMA * d[0, 0]).all()
     before = mdp.bellman_error(Q, EVERYWHERE)
     for step, small in ((F(1, 32), True), (F(1, 31), False)):
@@ -129,9 +120,12 @@ def distance(errors, rate=0.01, mix=0.5):
 SIZES = (1_000, 10_000, 100_000)
 
 
+@claim("T3-b")
 def test_the_distance_to_the_product_tends_to_1():
+    """Where |δ| waves between ½ and 1½."""
     found = [distance(1 + 0.5 * np.sin(np.arange(n))) for n in SIZES]
     assert found == sorted(found) and found[0] > 0.5 and found[-1] > 0.99
+    shows("|δ| between two positive bounds: {:.3f} apart at N = {}", found, SIZES)
 
 
 @control("T3-b")
@@ -168,34 +162,44 @@ def path(mdp, Q, steps, miss=0, data=1):
     return Q
 
 
+@claim("T4-d")
 def test_boosters_that_miss_by_epsilon_end_at_epsilon_over_1_minus_gamma():
-    """On the swap from (20, 20), α_m = 1/√m, h = g + 0.1: the error falls to 1, and no further."""
-    start = np.full((2, 1), 20.0)
+    """On the swap from (20, 20), α_m = 1/√m, h = g + ε: the error falls to the bound and stays."""
+    start, gamma, miss = np.full((2, 1), 20.0), 0.9, 0.1
+    boosts = (10, 100, 1_000, 10_000)
     errors = [
-        abs(path(swap(), start, [m**-0.5 for m in range(1, n)], miss=0.1)).max()
-        for n in (10, 100, 1_000, 10_000)
+        abs(path(swap(gamma), start, [m**-0.5 for m in range(1, n)], miss)).max() for n in boosts
     ]
     assert errors == sorted(errors, reverse=True)
-    assert errors[-1] == pytest.approx(0.1 / (1 - 0.9), abs=1e-6)
+    assert errors[-1] == pytest.approx(miss / (1 - gamma), abs=1e-6)
+    shows(
+        "two states that swap, γ = {}, ε = {}, α_m = 1/√m: errors {:.4g} after {} boosters, ε/(1 −"
+        " γ) = {:.3g}",
+        *(gamma, miss, errors, boosts, miss / (1 - gamma)),
+    )
 
 
 @control("T4-d")
 def test_edge_steps_with_a_finite_sum_stop_on_the_way():
     """α_m = 2^{−(m+2)}, ε = 0 and even γ = 0: 77 % of the error stays."""
-    left = path(loops(0, gamma=F(0)), exact([[1]]), [F(1, 2 ** (m + 2)) for m in range(1, 60)])
+    left = path(loops((0,), F(0)), row(1), [F(1, 2 ** (m + 2)) for m in range(1, 60)])
     assert 0.77 < left[0, 0] < 0.771
 
 
 @control("T4-d")
 def test_edge_steps_beyond_1_can_diverge():
     """α = 3/2 on the swap: the error is multiplied by α(1 + γ) − 1 = 1.85 each time."""
-    assert abs(path(swap(), OPPOSITE, [F(3, 2)] * 5)).max() == (F(3, 2) * (1 + GAMMA) - 1) ** 5 > 20
+    assert (
+        abs(path(swap(GAMMA), OPPOSITE, [F(3, 2)] * 5)).max()
+        == (F(3, 2) * (1 + GAMMA) - 1) ** 5
+        > 20
+    )
 
 
 @control("T4-d")
 def test_edge_a_pair_without_data_keeps_its_error():
     """h = g at a₀ and 0 at a₁, which is the greedy action: (0, 10) ends at (9, 10), Q* = (0, 0)."""
-    end = path(loops(0, 0), exact([[0, 10]]), [F(1)] * 5, data=exact([[1, 0]]))
+    end = path(loops((0, 0), GAMMA), row(0, 10), [F(1)] * 5, data=row(1, 0))
     assert end.tolist() == [[9, 10]]
 
 

@@ -58,7 +58,7 @@ def floats(x):
 THREE = "every residual and learner on three samples"
 
 
-@proves("T1-a", size=THREE, without="A ≠ 0")
+@proves("T1-a", "T1-k", size=THREE, without="A ≠ 0")
 def test_the_frozen_residual_falls_by_a_squared_over_b():
     A, B = step(r, h)
     assert proved(fall(r, h, alpha) * B == A * A, alpha * B == A)

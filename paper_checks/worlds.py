@@ -68,6 +68,20 @@ def random_mdp(rng, gamma, states=3, actions=2):
     return MDP(P, rng.normal(size=(states, actions)), gamma)
 
 
+def swap(gamma):
+    """Two states, one action each, which change places; no rewards, so Q* = 0."""
+    return MDP([[exact(0, 1)], [exact(1, 0)]], column(0, 0), gamma)
+
+
+def by_definition(mdp, Q):
+    """𝒯*Q − Q in a plain loop: the best action of the next state counts, and no other."""
+    found = -Q
+    for s, a in np.ndindex(Q.shape):
+        next_values = [p * max(values) for p, values in zip(mdp.P[s, a], Q, strict=True)]
+        found[s, a] += mdp.r[s, a] + mdp.gamma * sum(next_values)
+    return found
+
+
 # Three states, of which each action leads to another one
 
 NEXT = np.array([[1, 2], [2, 0], [0, 1]])  # where action a leads from state s
