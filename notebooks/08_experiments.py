@@ -3,7 +3,7 @@
 #
 # The paper's last part is three tables. This notebook asks three questions of them, in this order: are the numbers
 # *possible*, what do they *say* if they are, and what comes out when they are run *again*, with controls. After it you can
-# read a table of reinforcement-learning results without being taken in, our own included.
+# judge a table of reinforcement-learning results, our own included.
 #
 # *Before:* notebook 0 is enough. *Needs:* mean, standard deviation. *Time:* a quarter of an hour.
 
@@ -77,7 +77,7 @@ round(float(five.std(ddof=1)), 4)
 # %% [markdown]
 # ## What do they say, if they are right?
 #
-# The paper says five runs per method and does not say what ± is over. Assume runs. Then the standard error of a mean is
+# The paper repeats each experiment five times. Whether its ± is over runs or over episodes is left open. Assume runs. Then the standard error of a mean is
 # $s/\sqrt 5$, and Welch's test asks how surprising a difference would be if there were none. Its p-value is, to
 # good approximation, the part of random re-draws of the difference that are at least as large; here from the
 # t-distribution that the two standard deviations imply, drawn by simulation.
@@ -108,7 +108,8 @@ assert smallest > 0.05
 
 # %% [markdown]
 # GB-DQN has the best mean in all three tables (claim X2). Of its twelve differences not one is significant at the usual 0.05,
-# without any correction for asking twelve times (claim X3).
+# without any correction for asking twelve times (claim X3). Over the episodes of all five runs, as if these were independent,
+# some would be.
 #
 # And "lower variance"? Count:
 
@@ -123,7 +124,7 @@ print(len(smaller), "of 12 have a smaller standard deviation than GB-DQN:", *sma
 assert len(smaller) == 6
 
 # %% [markdown]
-# Six of twelve (claim X4): as many as by tossing a coin.
+# Six of twelve (claim X4).
 #
 # ### Hopper ends before it begins
 #
@@ -143,10 +144,11 @@ print(
 assert at_end > 0.9
 
 # %% [markdown]
-# Nine of ten actions are still random when it is over, and two of the four drifts come before the first update (claim X5). The
-# printed returns, 16 to 20, are those of a random policy (claim X6), and Reset-DQN's "competitive" one is the least of
-# them (claim X7). What ± is over is never said; were it over five runs, every method would need a run at or near 0 (claim X8). And
-# the replay of 50,000 which "lets DQN follow" the drifts holds three of Acrobot's regimes at once (claim X14).
+# Nine of ten actions are still random when it is over, and two of the four drifts come before the first update, if episodes
+# last as long as a random policy's (claim X5). Under seven actions like ours, random ones reach the printed returns, 16 to 20;
+# under others they do not (claim X6). Reset-DQN's "competitive" mean is the lowest of them, though not detectably (claim X7). If ± is
+# over five runs, every method would need a run at or near 0 (claim X8). And DQN's replay of 50,000 transitions holds three of
+# Acrobot's regimes at once (claim X14): old data may slow its recovery, too.
 #
 # Under Hopper's settings our own runs look like this:
 
@@ -306,8 +308,8 @@ for name in ("acrobot", "mountaincar"):
         print(f"{LABELS[name]:12}{label:26}{middle:+7.1f}  [{low:+.1f}, {high:+.1f}]")
 
 # %% [markdown]
-# In both, the replay alone moves DQN as far as boosting does, in the same direction. Two things were changed at once in the
-# paper's GB-DQN, and these numbers cannot say which of them did anything.
+# In both, the replay alone moves DQN in the same direction as GB-DQN, and every interval contains 0. Two things were changed at
+# once in the paper's GB-DQN, and these numbers cannot say which of them did anything.
 #
 # **Exercise 3.** How many seeds would it take? Take the paired differences of GB-DQN and DQN on Acrobot, and find by the rule
 # $n \approx (2.8\, s / d)^2$ (80 % power at 5 %) the number of pairs that would tell their mean difference d from 0.
@@ -378,8 +380,9 @@ for panel, (name, title) in zip(axes.flat, OURS.items(), strict=True):
 plt.show()
 
 # %% [markdown]
-# GB-DQN's interval lies far to the left of the line twice, to its right once. But two things were changed at once, the replay and
-# the boosting, and there is a control for each.
+# GB-DQN's interval lies to the left of the line on CartPole, to its right on MountainCar. The long Hopper has three seeds: an
+# interval of three covers the truth in three of four cases only, so nothing is concluded from it. But two things were changed
+# at once, the replay and the boosting, and there is a control for each.
 #
 # ### The two ingredients, taken apart
 #
@@ -421,9 +424,9 @@ axes[0].set_yticks(range(len(ALL)), list(reversed(ALL.values())))
 plt.show()
 
 # %% [markdown]
-# The replay is worth something on the long Hopper, and where MountainCar's motor turns round. Boosting is nowhere worth anything that
-# its interval would carry, and on CartPole and the long Hopper it costs most of what there was to be had. (Fourteen intervals on each side, each too narrow: one
-# or two of them may miss the truth.)
+# The replay helps detectably where MountainCar's motor turns round, and beside boosting on CartPole. Boosting helps detectably
+# nowhere, and on CartPole it loses most of the return. (Fourteen intervals on each side, each too narrow: one or two of them may
+# miss the truth. The settings were tuned for DQN, none for GB-DQN, and the long Hopper does not count.)
 #
 # ### A drift that is none
 #
@@ -465,13 +468,13 @@ assert high < 0
 #
 # | the paper says | what the numbers carry |
 # |---|---|
-# | GB-DQN outperforms all baselines | its means are the best of its tables, no difference is significant; run again, five seeds tell it from DQN on none of the three |
+# | GB-DQN outperforms all baselines | its means are the best of its tables, no difference is significant; run again, no difference to DQN is detected on any of the three |
 # | with lower variance | six of twelve baselines have a smaller one |
-# | it adapts faster | the final return is taken after the *stock* physics have returned; on Acrobot a policy that never adapts does as well |
-# | recency is not the reason | the baselines had none; with it, DQN moves as far as GB-DQN does |
-# | on Hopper too | the experiment is over before anything is learnt; where it goes on, GB-DQN ends at a third of DQN |
+# | it adapts faster | the final return is taken after the *stock* physics have returned; on Acrobot no difference is detected to a policy that never adapts |
+# | recency alone is not the reason | no baseline has its replay; with it, no gain of boosting is detected on any of the three |
+# | on Hopper too | if episodes are as short as a random policy's, it is over before anything is learnt |
 #
-# The paper's experiments do not tell whether boosting helps. Ours, where they tell anything, tell against it, and for the replay;
-# with settings of ours, of course, and up to fifteen seeds. A fair case for boosting would have drifts that cost DQN with that
+# The paper's experiments do not tell whether boosting helps. In ours no help of it is detected, with settings that were tuned
+# for DQN and up to fifteen seeds. A fair case for boosting would have drifts that cost DQN with that
 # replay more than a new start does, and we do not know one. The [page of reruns](../paper_checks/results/README.md) has every
 # number, and the command that makes it.

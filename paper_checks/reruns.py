@@ -1,16 +1,19 @@
-"""Our reruns of the paper's tables, from the stored results of studies. `--ledger` writes them into
-results/README.md.
+"""Our reruns of the paper's tables, from the stored results of studies: results/README.md is
+results/text.md with each {name of a figure} filled in. `--ledger` writes it.
 
 python paper_checks/reruns.py acrobot results/acrobot    stores what a study left, compactly
 """
 
 import hashlib
 import json
+import re
 import sys
+from itertools import combinations
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from paper import TABLES
 
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
@@ -53,6 +56,14 @@ READINGS = {
     "cartpole": UNDRIFTED,
     "hopper-long": {"": {}, "alpha1": {"alpha": 1.0}},
 }
+PRINTED = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}  # its table
+NAMES = {  # agent: the paper's method
+    "dqn": "DQN",
+    "gbdqn": "GB-DQN",
+    "ensemble": "Ensemble",
+    "reset": "Reset",
+    "sliding": "Sliding",
+}
 INGREDIENTS = {  # what GB-DQN adds to DQN, each alone and beside the other: (with, without)
     "replay, in DQN": ("dqn-recency", "dqn"),
     "replay, in GB-DQN": ("gbdqn", "gbdqn-per"),
@@ -66,6 +77,27 @@ LATER = ("area per drift", "recovered after", "forgotten")
 def stored(name):
     """What a study left in results.json."""
     return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def page():
+    """The page: text.md with its figures."""
+    text = (FOLDER / "text.md").read_text(encoding="utf-8")
+    return re.sub(
+        r"{(\w+)((?:\s[\w-]+)*)}", lambda found: FIGURES[found[1]](*found[2].split()), text
+    )
+
+
+# The tables
+
+
+def section(name):
+    """The table of a section."""
+    if name == "ingredients":
+        return ingredients()
+    if name.endswith("-readings"):
+        return readings(name.removesuffix("-readings"))
+    paper = TABLES[PRINTED[name]] if name in PRINTED else {}
+    return table(stored(name), {agent: paper[NAMES[agent]] for agent in NAMES if paper})
 
 
 def table(results, printed):
@@ -89,11 +121,10 @@ def ingredients():
     for study, (env, preset) in STUDIES.items():
         results = stored(study)
         _, final = _by_agent(results)
-        name = LABELS[env] + (f", {preset}" if preset != "paper" else "")
         pairs = [
             _difference(final[added], final[without]) for added, without in INGREDIENTS.values()
         ]
-        rows.append([name, str(len(results["seeds"])), *pairs])
+        rows.append([_label(env, preset), str(len(results["seeds"])), *pairs])
     return _markdown(["", "seeds", *INGREDIENTS], rows)
 
 
@@ -116,6 +147,137 @@ def readings(study):
             [label, *_final(final), _difference(final, own) if rows else "0", *_drifts(runs)]
         )
     return _markdown(["", *MEASURED, "minus the first row's, paired [95 %]", *LATER], rows)
+
+
+# The figures of the text
+
+
+def gain(study, added, without):
+    """What one agent ends above another by: the IQM of paired differences, and its interval."""
+    final = _by_agent(stored(study))[1]
+    return _difference(final[added], final[without])
+
+
+def differing(study):
+    """(texts of the agents whose interval of differences to DQN leaves 0 out, the others)."""
+    final = _by_agent(stored(study))[1]
+    differ, others = [], []
+    for agent in final.keys() - {"dqn"}:
+        _, low, high = _interval(final[agent], final["dqn"])
+        side = "above" if low > 0 else "below"
+        found = f"{AGENTS[agent].label} ({side}, {gain(study, agent, 'dqn')})"
+        (others if low <= 0 <= high else differ).append((list(AGENTS).index(agent), found, agent))
+    return [found for _, found, _ in sorted(differ)], [
+        AGENTS[agent].label for _, _, agent in sorted(others)
+    ]
+
+
+def effects(ingredient, sign):
+    """Where adding an ingredient changes the final return detectably in this direction; the studies
+    of three seeds are left out.
+    """
+    found = []
+    for study, (env, preset) in STUDIES.items():
+        results = stored(study)
+        final = _by_agent(results)[1]
+        for name, (added, without) in INGREDIENTS.items():
+            _, low, high = _interval(final[added], final[without])
+            outside = low > 0 if sign > 0 else high < 0
+            if name.startswith(ingredient) and outside and len(results["seeds"]) > 3:
+                company = name.split(", ")[1]
+                found.append(f"{_label(env, preset)} ({company}, {gain(study, added, without)})")
+    return ", ".join(found) or "none of them"
+
+
+def correlation():
+    """Mean correlation, over the seeds, of the final returns of two learning agents of a study."""
+    found = []
+    for study in STUDIES:
+        final = _by_agent(stored(study))[1]
+        learners = [final[agent] for agent in final if agent != "random" and np.ptp(final[agent])]
+        pairs = [(x, y) for x, y in combinations(learners, 2) if (x != y).any()]
+        found += [np.corrcoef(x, y)[0, 1] for x, y in pairs]
+    return f"{np.mean(found):.2f} ({len(found)} pairs of methods)"
+
+
+def covered():
+    """{runs: how often, in percent, an interval of so many covers the truth}, as measured."""
+    found = re.findall(r"([\d.]+) % with\s+(\d+)", bootstrap_interval.__doc__)
+    return {int(runs): percent for percent, runs in found[:3]}
+
+
+def missed():
+    """How many of the intervals of the first table can be expected to miss the truth."""
+    each = [1 - float(covered()[len(stored(study)["seeds"])]) / 100 for study in STUDIES]
+    return f"{len(INGREDIENTS) * sum(each):.0f}"
+
+
+def recoveries(study, agent):
+    """Median recoveries, as in its table."""
+    return _drifts(_by_agent(stored(study))[0][agent])[1]
+
+
+def transitions(study, agent):
+    """The transitions of an agent's runs, (seeds,)."""
+    return np.array([run["steps"] for run in _by_agent(stored(study))[0][agent]])
+
+
+def reading(study, name=""):
+    """A reading's difference to the first one of its table."""
+    names = [f"{study}-{each}" if each else study for each in (name, next(iter(READINGS[study])))]
+    return _difference(*(_by_agent(stored(each))[1]["gbdqn"] for each in names))
+
+
+def scheduled(study):
+    """The drifts of a study in words."""
+    found = []
+    for entry in stored(study)["settings"]["schedule"]:
+        factors = [f"{key} × {x:g}" for key, x in entry.items() if key not in ("episode", "reset")]
+        found.append(
+            f"{' and '.join(factors) or 'the stock physics'} from episode {entry['episode']}"
+        )
+    return ", ".join(found)
+
+
+def worse(study, agent, other):
+    """On how many of the seeds an agent ends below another."""
+    final = _by_agent(stored(study))[1]
+    return f"{(final[agent] < final[other]).sum()} of {len(final[agent])}"
+
+
+def wider(study, agent):
+    """How many times our std the paper's is."""
+    final = _by_agent(stored(study))[1]
+    return f"{TABLES[PRINTED[study]][NAMES[agent]][1] / mean_std(final[agent])[1]:.0f}"
+
+
+FIGURES = {  # name in text.md: what gives it
+    "table": lambda name: f"<!-- {name} -->\n\n{section(name)}\n<!-- end of {name} -->",
+    "iqm": lambda study, agent: f"{iqm(_by_agent(stored(study))[1][agent]):.1f}",
+    "gain": gain,
+    "differs": lambda study: ", ".join(differing(study)[0]),
+    "alike": lambda study: ", ".join(differing(study)[1]),
+    "helps": lambda ingredient: effects(ingredient, 1),
+    "costs": lambda ingredient: effects(ingredient, -1),
+    "correlation": correlation,
+    "covers": lambda runs: covered()[int(runs)],
+    "intervals": lambda: str(len(INGREDIENTS) * len(STUDIES)),
+    "misses": missed,
+    "least_p": lambda: f"{2 / 2 ** len(stored('hopper-long')['seeds']):.2f}",
+    "recoveries": recoveries,
+    "steps": lambda study, agent: f"{transitions(study, agent).mean():,.0f}",
+    "range": lambda study, agent: "{:,} to {:,}".format(
+        *(pick(transitions(study, agent)) for pick in (min, max))
+    ),
+    "reading": reading,
+    "schedule": scheduled,
+    "setting": lambda study, key: f"{stored(study)['settings'][key]:,}",
+    "slower": lambda: f"{1 / stored('acrobot')['settings']['alpha']:.0f}",
+    "halflife": lambda study: f"{np.log(2) / stored(study)['settings']['recency_rate']:,.0f}",
+    "printed": lambda env, name: f"{TABLES[env][name][0]:.2f}",
+    "worse": worse,
+    "wider": wider,
+}
 
 
 def fingerprint():
@@ -156,10 +318,16 @@ def _final(final):
     return ["{:.1f} ± {:.1f}".format(*mean_std(final)), f"{iqm(final):.1f} [{low:.1f}, {high:.1f}]"]
 
 
+def _label(env, preset):
+    return LABELS[env] + (f", {preset}" if preset != "paper" else "")
+
+
+def _interval(final, other):
+    return paired_difference(final, other, np.random.default_rng(0))
+
+
 def _difference(final, other):
-    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(
-        *paired_difference(final, other, np.random.default_rng(0))
-    )
+    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*_interval(final, other))
 
 
 def _drifts(rows):
