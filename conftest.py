@@ -4,7 +4,10 @@ night.
 
 import os
 
+import pytest
 from hypothesis import settings
+
+pytest.register_assert_rewrite("helpers")  # a failure there shows its values, as in a test
 
 settings.register_profile("dev", max_examples=50, deadline=None, print_blob=True)
 settings.register_profile("ci", max_examples=100, deadline=None, print_blob=True, derandomize=True)

@@ -1,15 +1,22 @@
-"""The same work in PyTorch and in Stable-Baselines3, for the benchmark only. Nothing else here
-imports them.
-"""
+"""The same work elsewhere: PyTorch, Stable-Baselines3 and SBX. JAX has a module of its own."""
 
-import importlib.util
+import importlib
 
 import numpy as np
 
+LIBRARIES = ("torch", "stable_baselines3", "jax", "sbx")
+PACKAGES = {"sbx": "sbx-rl"}  # where a library is not called as its package is
 
-def installed():
-    """Whether the optional extra `peers` is there."""
-    return all(importlib.util.find_spec(name) for name in ("torch", "stable_baselines3"))
+
+def missing():
+    """{library: why} of those that do not import here, or not beside the others."""
+    reasons = {}
+    for name in LIBRARIES:
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # a clash of libraries can raise anything
+            reasons[name] = f"{type(error).__name__}: {error}"
+    return reasons
 
 
 def torch_update(agent, batch):
@@ -62,33 +69,44 @@ def read_network(network):
     return np.concatenate([V.ravel() for V in with_bias])
 
 
-def sb3(config, env, steps):
-    """Train Stable-Baselines3's DQN with the settings of a config whose ε is constant; a record
-    every so many steps.
+def train(library, config, env, steps):
+    """Train the DQN of "stable_baselines3" or "sbx" under a config whose ε is constant.
+
+    A record every so many steps. SBX has Huber's loss and clips no gradient.
     """
-    import stable_baselines3
     import torch
 
-    torch.set_num_threads(1)
-    model = stable_baselines3.DQN(
+    torch.set_num_threads(1)  # SBX's replay buffer is PyTorch's as well
+    c = config
+    own = {"max_grad_norm": c.max_grad_norm} if library == "stable_baselines3" else {}
+    model = importlib.import_module(library).DQN(
         "MlpPolicy",
         env,
-        learning_rate=config.lr,
-        buffer_size=config.capacity,
-        learning_starts=config.learning_starts,
-        batch_size=config.batch_size,
-        tau=config.tau,
-        gamma=config.gamma,
-        train_freq=config.update_every,
-        gradient_steps=config.gradient_steps,
-        target_update_interval=config.update_every,
-        exploration_initial_eps=config.epsilon_start,
-        exploration_final_eps=config.epsilon_end,
-        max_grad_norm=config.max_grad_norm,
-        policy_kwargs={"net_arch": list(config.hidden)},
+        learning_rate=c.lr,
+        buffer_size=c.capacity,
+        learning_starts=c.learning_starts,
+        batch_size=c.batch_size,
+        tau=c.tau,
+        gamma=c.gamma,
+        train_freq=c.update_every,
+        gradient_steps=c.gradient_steps,
+        target_update_interval=c.update_every,
+        exploration_initial_eps=c.epsilon_end,
+        exploration_final_eps=c.epsilon_end,
+        policy_kwargs={"net_arch": list(c.hidden)},
         device="cpu",
-        seed=config.seed,
+        seed=c.seed,
+        **own,
     )
     while True:
         model.learn(steps, reset_num_timesteps=False)
-        yield {"length": steps}
+        yield {"length": steps, "updates": model._n_updates, "parameters": parameters(model)}
+
+
+def parameters(model):
+    """How many numbers the network of a model of Stable-Baselines3 or SBX has."""
+    if hasattr(model, "q_net"):
+        return sum(parameter.numel() for parameter in model.q_net.parameters())
+    import jax
+
+    return sum(leaf.size for leaf in jax.tree.leaves(model.policy.qf_state.params))

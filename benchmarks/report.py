@@ -1,49 +1,48 @@
 """What the benchmark prints and draws. Nothing here measures."""
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from math import isnan
 
 from gbdqn_ref.agents import OKABE_ITO
-from gbdqn_ref.plots import save
+from gbdqn_ref.plots import Figure, plain
+
+LOOKS = tuple(zip(OKABE_ITO, "o^s", strict=False))  # of the first line, the second …
+PANELS = (  # title, x, y
+    ("drawing 64 and updating their priorities", "transitions in the buffer", "µs"),
+    ("GB-DQN on Acrobot", "frozen boosters", "time, as a multiple of that without any"),
+)
 
 
 def table(title, columns, rows):
-    """One section of the benchmark."""
+    """Print one Section of the benchmark."""
     widths = [max(10, len(column) + 2) for column in columns]
-    print(
-        f"\n{title}\n"
-        + "".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True))
-    )
+    print(f"\n{title}")
+    print("".join(f"{column:>{width}}" for column, width in zip(columns, widths, strict=True)))
     for label, numbers in rows.items():
-        print(
-            "".join(
-                f"{x:{width},.{_decimals(x)}f}" for x, width in zip(numbers, widths, strict=True)
-            ),
-            "",
-            label,
-        )
+        print("".join(map(cell, numbers, widths)), "", label)
 
 
-def _decimals(x):
+def cell(x, width):
+    """A number with three digits, or – where there is none."""
+    return f"{'–':>{width}}" if isnan(x) else f"{x:{width},.{decimals(x)}f}"
+
+
+def decimals(x):
     """How many decimals make three digits."""
     return max(0, 2 - int(max(1, x) >= 10) - int(x >= 100))
 
 
-def picture(replay, boosters, path):
-    """How cost grows with the buffer, {sampler: (N, µs)}, and with boosters, {what: (m, ratio to
-    none)}.
-    """
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2)
-    for axes, lines in ((left, replay), (right, boosters)):
-        for (name, (x, y)), colour, mark in zip(lines.items(), OKABE_ITO, "o^s", strict=False):
-            axes.plot(x, y, color=colour, marker=mark, label=name)
-        axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
-        axes.legend(frameon=False, loc="upper left")
-        axes.spines[["top", "right"]].set_visible(False)
-    left.set(xscale="log", xlabel="transitions in the buffer", ylabel="µs")
-    left.set_title("drawing 64 and updating their priorities", loc="left")
-    right.set(xlabel="frozen boosters", ylabel="time, as a multiple of that without any")
-    right.set_title("GB-DQN on Acrobot", loc="left")
-    save(figure, path)
+def picture(panels):
+    """How cost grows: a panel for each of PANELS, {label: (x, y)}; the figure."""
+    with plain():
+        figure = Figure(figsize=(10, 4), layout="constrained")
+        all_axes = figure.subplots(1, len(PANELS))
+        for axes, lines, (title, x_label, y_label) in zip(all_axes, panels, PANELS, strict=True):
+            for (label, (x, y)), (colour, mark) in zip(lines.items(), LOOKS, strict=False):
+                axes.plot(x, y, color=colour, marker=mark, label=label)
+            axes.set(xlabel=x_label, ylabel=y_label)
+            axes.set_ylim(0, 1.3 * max(max(y) for _, y in lines.values()))
+            axes.set_title(title, loc="left")
+            axes.legend(frameon=False, loc="upper left")
+            axes.spines[["top", "right"]].set_visible(False)
+        all_axes[0].set_xscale("log")
+    return figure

@@ -18,3 +18,11 @@ class UsageError(ValueError):
 
 class DivergenceError(ArithmeticError):
     """A loss or a parameter is not finite; the message says where, and which setting to change."""
+
+
+class StudyError(RuntimeError):
+    """Some runs of a study failed, and all others are complete; `errors` is {name: error}."""
+
+    def __init__(self, errors: dict[str, str]) -> None:
+        self.errors = errors
+        super().__init__("; ".join(f"{name}: {error}" for name, error in errors.items()))

@@ -1,254 +1,337 @@
-"""The command line: python -m gbdqn_ref train | compare | study | drift-effect | watch | maps."""
+"""The command line. It parses and calls; nothing here trains, measures or draws.
+
+    python -m gbdqn_ref train | compare | study | drift-effect | watch | maps | settings
+
+A command imports what it needs, so that --help is fast and Ctrl-C is heard from the start.
+"""
 
 import argparse
 import json
+import os
+import signal
 import sys
-from dataclasses import replace
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from reprlib import repr as short
+from typing import IO, Any, NoReturn
 
-from . import UsageError, effect, plots, runs, study, tables, watch
+from . import DivergenceError, StudyError, UsageError
 from .agents import AGENTS
 from .config import Config
-from .files import check_picture
+
+STOP = "stopped. To continue: train --resume, or the same command again"
 
 
-def main(arguments=None):
-    """Run a command; exit status 0, 2 after one line on what was wrong, 1 if runs of a study
-    failed.
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; its exit status. All but 0 come with lines on stderr that say why.
+
+    0; 1 if runs of a study failed; 2 if the input cannot be used; 3 if training diverged; 130 if a
+    signal stopped it. Without arguments those of the process are taken, and its signals too.
     """
+    if arguments is None:
+        _own_process()
+    try:
+        status, lines = _answer(arguments)
+        if arguments is None:
+            _hear_signals(signal.SIG_IGN)
+        with suppress(OSError):
+            for line in lines:  # each in one line, whatever is in a path
+                print("gbdqn_ref:", *line.split(), file=sys.stderr, flush=True)
+    finally:  # also after --help, which raises SystemExit
+        for stream in (sys.stdout, sys.stderr):
+            _let_go(stream)
+    return status
+
+
+def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
+    """(exit status, lines for stderr) of a command."""
     try:
         args = _parser().parse_args(arguments)
-        return args.command(args) or 0
-    except (UsageError, OSError) as error:
-        print("gbdqn_ref:", *str(error).split(), file=sys.stderr)  # one line, whatever is in a path
-        return 2
+        args.command(args)
+        print(end="", flush=True)
+    except BrokenPipeError:  # nobody reads on, but the work is finished
+        return 0, []
+    except StudyError as e:
+        return 1, [f"{name} failed: {error}" for name, error in e.errors.items()]
+    except (UsageError, OSError) as e:
+        return 2, [str(e)]
+    except MemoryError as e:
+        return 2, [f"not enough memory ({e}); a smaller --set capacity needs less"]
+    except DivergenceError as e:
+        return 3, [str(e)]
     except KeyboardInterrupt:
-        print(
-            "\ngbdqn_ref: stopped; train --resume, or the same compare, goes on from the"
-            " checkpoint",
-            file=sys.stderr,
-        )
-        return 130
+        return 130, [STOP]
+    return 0, []
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message):
+def _own_process() -> None:
+    """SIGTERM is heard like Ctrl-C, and every text can be printed, perhaps with ? in it."""
+    _hear_signals(signal.default_int_handler)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # it was closed; the next file that is opened would be it
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", closefd=False))
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
+
+
+def _hear_signals(handler: Any) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def _let_go(stream: IO[str]) -> None:
+    """Flush a stream that perhaps nobody reads, or Python would complain of it at its end."""
+    try:
+        stream.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+class _Parser(ArgumentParser):
+    def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (try {self.prog} --help)")
 
 
-def _parser():
+def _parser() -> ArgumentParser:
     parser = _Parser(
         prog="python -m gbdqn_ref", description="GB-DQN on drifting environments, in NumPy."
     )
     commands = parser.add_subparsers(required=True, metavar="command")
-    common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--env", help="cartpole, mountaincar, acrobot or hopper")
-    common.add_argument("--seed", type=int, help="default 0")
-    common.add_argument(
-        "--preset", help="paper (default), fast, and for some environments long or hard"
+    settings = _Parser(add_help=False)
+    settings.add_argument("--env", type=_text, help="cartpole, mountaincar, acrobot or hopper")
+    settings.add_argument(
+        "--preset",
+        type=_text,
+        help="paper (default) or fast; for some environments long, hard, recurring, null, held-out",
     )
-    common.add_argument(
+    run = _Parser(add_help=False, parents=[settings])
+    run.add_argument("--seed", type=int, help="default 0")
+    run.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable"
     )
-    common.add_argument("--quiet", action="store_true", help="no progress bar")
-    train = commands.add_parser("train", parents=[common], help="train one agent into a folder")
-    train.add_argument("--agent", help=f"gbdqn (default), {', '.join(list(AGENTS)[1:])}")
-    train.add_argument("--out", help="folder; default runs/ENV-AGENT-SEED")
-    train.add_argument("--resume", action="store_true", help="go on with the run in the folder")
-    train.set_defaults(command=_train)
-    compare = commands.add_parser(
-        "compare", parents=[common], help="train several agents and compare them"
+    run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.add_argument(
+        "--accept-versions",
+        action="store_true",
+        help="continue runs that were made with other libraries or other code; this is recorded",
     )
-    compare.add_argument(
-        "--agents", default="gbdqn,dqn", help="with commas between; default gbdqn,dqn"
-    )
-    compare.add_argument(
-        "--out",
-        help="folder; default runs/ENV; runs that it has already are finished, not repeated",
-    )
-    compare.set_defaults(command=_compare)
-    many = commands.add_parser(
-        "study", parents=[common], help="train many agents on many seeds, side by side"
-    )
-    many.add_argument("--agents", default="all", help="all (default), or a list like gbdqn,dqn")
-    many.add_argument(
-        "--seeds", default="5", help="how many (default 5: 0 to 4), or a list like 3,7"
-    )
-    many.add_argument("--jobs", type=int, default=2, help="processes, default 2")
-    many.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="a Dask scheduler, like tcp://host:8786, in place of processes",
-    )
-    many.add_argument(
-        "--out", help="folder; default runs/study-ENV; runs that it has already are not repeated"
-    )
-    many.set_defaults(command=_study)
-    matters = commands.add_parser(
-        "drift-effect", parents=[common], help="what each drift costs a policy that stays put"
-    )
-    matters.add_argument("--agent", default="dqn", help="who learns, default dqn")
-    matters.add_argument("--jobs", type=int, default=2, help="processes, default 2")
-    matters.add_argument(
-        "--out", help="folder; default runs/effect-ENV; runs that it has already are not repeated"
-    )
-    matters.set_defaults(command=_drift_effect)
+    many = _Parser(add_help=False, parents=[run])
+    many.add_argument("--jobs", type=int, default=2, help="how many processes; default 2")
+    _add_training(commands, run, many)
     _add_pictures(commands)
+    lists = commands.add_parser("settings", parents=[settings], help="list all settings")
+    lists.set_defaults(command=_settings)
     return parser
 
 
-def _add_pictures(commands):
-    """The commands whose outcome is a picture."""
-    shows = commands.add_parser("watch", help="film a trained agent before and after a drift")
-    shows.add_argument("run", metavar="RUN", help="the folder of a run")
-    shows.add_argument("--out", default="episode.gif", help="the film; default episode.gif")
-    shows.add_argument(
+def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> None:
+    """The commands that train."""
+    train = commands.add_parser("train", parents=[run], help="train one agent")
+    train.add_argument("--agent", help=f"gbdqn (default), {', '.join(list(AGENTS)[1:])}")
+    train.add_argument("--out", type=_text, help="folder; default runs/ENV-AGENT-SEED")
+    train.add_argument("--resume", action="store_true", help="continue the run in the folder")
+    train.set_defaults(command=_train)
+    compare = commands.add_parser(
+        "compare", parents=[many], help="train several agents on one seed and compare them"
+    )
+    compare.add_argument("--agents", default="gbdqn,dqn", help="a list; default gbdqn,dqn")
+    compare.add_argument("--out", type=_text, help="folder; default runs/ENV; its runs are kept")
+    compare.set_defaults(command=_compare)
+    study = commands.add_parser(
+        "study", parents=[many], help="train many agents on many seeds and compare them"
+    )
+    study.add_argument("--agents", default="all", help="all (default), or a list like gbdqn,dqn")
+    study.add_argument(
+        "--seeds", default="5", help="a count (default 5: 0 to 4) or a list like 3,7"
+    )
+    study.add_argument(
+        "--dask", type=_text, metavar="ADDRESS", help="train on a Dask cluster, tcp://host:8786"
+    )
+    study.add_argument(
+        "--out", type=_text, help="folder; default runs/study-ENV; its runs are kept"
+    )
+    study.set_defaults(command=_study)
+    effect = commands.add_parser(
+        "drift-effect", parents=[many], help="measure what each drift costs a fixed policy"
+    )
+    effect.add_argument("--agent", default="dqn", help="who learns; default dqn")
+    effect.add_argument(
+        "--out", type=_text, help="folder; default runs/effect-ENV; its runs are kept"
+    )
+    effect.set_defaults(command=_drift_effect)
+
+
+def _add_pictures(commands: Any) -> None:
+    """The commands that draw."""
+    watch = commands.add_parser("watch", help="film a trained agent before and after a drift")
+    watch.add_argument("run", type=_text, metavar="RUN", help="the folder of a run")
+    watch.add_argument(
+        "--out", type=_text, default="episode.gif", help="the film; default episode.gif"
+    )
+    watch.add_argument(
         "--drift", type=int, default=1, metavar="K", help="which drift; default 1, the first"
     )
-    shows.add_argument("--seed", type=int, default=0, help="of the start; default 0")
-    shows.set_defaults(command=_watch)
-    plane = commands.add_parser("maps", help="what a booster changed, on MountainCar's plane")
-    plane.add_argument("run", metavar="RUN", help="the folder of a run of GB-DQN on MountainCar")
-    plane.add_argument("--out", default="maps.png", help="the picture; default maps.png")
-    plane.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
-    plane.set_defaults(command=_maps)
+    watch.add_argument("--seed", type=int, default=0, help="seed of the start; default 0")
+    watch.set_defaults(command=_watch)
+    maps = commands.add_parser("maps", help="draw what a booster changed on MountainCar's plane")
+    maps.add_argument(
+        "run", type=_text, metavar="RUN", help="the folder of a run of GB-DQN on MountainCar"
+    )
+    maps.add_argument("--out", type=_text, default="maps.png", help="the file; default maps.png")
+    maps.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
+    maps.set_defaults(command=_maps)
 
 
-def _config(args, agent):
+def _text(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("must not be empty")
+    return text
+
+
+def _config(args: Namespace, agent: str | None) -> Config:
     """The config that the options describe."""
     values = dict(_setting(text) for text in args.set)
     chosen = {"agent": agent, "seed": args.seed}
     values |= {key: value for key, value in chosen.items() if value is not None}
-    return Config.preset("cartpole" if args.env is None else args.env, args.preset, **values)
+    return Config.preset(args.env or "cartpole", args.preset, **values)
 
 
-def _setting(text):
-    """("lr", 0.001) from "lr=0.001"; what is no JSON is taken as a word."""
+def _setting(text: str) -> tuple[str, Any]:
+    """("lr", 0.001) from "lr=0.001" or "lr=.001"; what is neither JSON nor a number is a word."""
     key, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {short(text)}")
     if key in ("env", "agent", "seed"):
-        raise UsageError(f"--set is for all else: the {key} has an option of its own, --{key}")
-    try:
-        return key, json.loads(value)
-    except (ValueError, RecursionError):
-        return key, value
+        raise UsageError(f"set {key} with --{key}, not with --set")
+    readers: tuple[Callable[[str], Any], ...] = (json.loads, int, float)
+    for read in readers:
+        with suppress(ValueError, RecursionError):
+            return key, read(value)
+    return key, value
 
 
-def _train(args):
-    described = any(
-        value not in (None, [])
-        for value in (args.env, args.agent, args.seed, args.preset, args.set)
-    )
-    if args.resume and not described:
+def _agents(text: str) -> list[str]:
+    """The agents in a list like "gbdqn,dqn"."""
+    agents = list(AGENTS) if text == "all" else text.split(",")
+    if len(set(agents)) < len(agents):
+        raise UsageError(f"--agents names one twice: {text}")
+    return agents
+
+
+def _seeds(text: str) -> Sequence[int]:
+    """The seeds that a count or a list like "3,7" stands for."""
+    parts = text.split(",")
+    if not all(part.isdecimal() and len(part) <= 10 for part in parts) or not any(map(int, parts)):
+        raise UsageError(f"--seeds is a count from 1 on or a list like 3,7, not {short(text)}")
+    return [int(part) for part in parts] if len(parts) > 1 else range(int(text))
+
+
+def _options(args: Namespace) -> dict[str, Any]:
+    """How a study is to be run."""
+    return {"jobs": args.jobs, "quiet": args.quiet, "accept": args.accept_versions}
+
+
+def _train(args: Namespace) -> None:
+    from . import runs, tables
+
+    options = (args.env, args.agent, args.seed, args.preset, args.set or None)
+    if args.resume and not any(option is not None for option in options):
         if not args.out:
-            raise UsageError("--resume needs the --out of the run to go on with")
+            raise UsageError("--resume needs the --out of the run to continue")
         config = runs.read_config(args.out)
     else:
         config = _config(args, args.agent)
     out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
-    summary = runs.train(config, out, args.resume, args.quiet)
+    summary = runs.train(config, out, args.resume, args.quiet, args.accept_versions)
     tables.show(tables.regimes({config.agent: summary}, config))
     print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
 
 
-def _list(option, text):
-    """The parts of "a,b,c", no two alike."""
-    parts = text.split(",")
-    if len(set(parts)) < len(parts):
-        raise UsageError(f"{option} names one twice: {text}")
-    return parts
+def _compare(args: Namespace) -> None:
+    from . import study, tables
+
+    configs = {agent: _config(args, agent) for agent in _agents(args.agents)}
+    config = next(iter(configs.values()))
+    out = Path(args.out or f"runs/{config.env}")
+    study.complete(configs, out, **_options(args))
+    tables.show(tables.regimes(study.comparison(out, configs), config))
+    print(
+        f"\nthe picture: {out / 'comparison.png'}; the runs: {out}/AGENT/ (delete {out} to repeat)"
+    )
 
 
-def _study(args):
+def _study(args: Namespace) -> None:
+    from . import study, tables
+
     if args.seed is not None:
         raise UsageError("a study has --seeds, not --seed")
-    agents = list(AGENTS) if args.agents == "all" else _list("--agents", args.agents)
-    seeds = _list("--seeds", args.seeds)
-    if not all(seed.isdecimal() for seed in seeds) or seeds == ["0"] or not 1 <= args.jobs <= 1000:
-        raise UsageError(
-            f"--seeds is a count or a list like 3,7, --jobs from 1 on, not {args.seeds} and"
-            f" {args.jobs}"
-        )
-    seeds = [int(seed) for seed in seeds] if len(seeds) > 1 else range(int(seeds[0]))
-    configs = [replace(_config(args, agent), seed=seed) for seed in seeds for agent in agents]
-    out = Path(args.out or f"runs/study-{configs[0].env}")
-    failed = study.run_study(
-        configs, out, _dask(args.dask) if args.dask else None, args.jobs, args.quiet
-    )
-    for run, error in failed.items():
-        print(f"gbdqn_ref: {run} failed: {error}", file=sys.stderr)
-    if failed:
-        return 1
+    agents = {agent: _config(args, agent) for agent in _agents(args.agents)}
+    config = next(iter(agents.values()))
+    out = Path(args.out or f"runs/study-{config.env}")
+    with _cluster(args.dask) as executor:
+        configs = study.grid(agents, _seeds(args.seeds))
+        study.complete(configs, out, executor, **_options(args))
     summaries, records = study.report(out)
-    level = summaries[agents[0]][0]["random_return"]
-    plots.save(plots.study_curves(records, configs[0], level), out / "curves.png")
-    if len(configs[0].regimes) > 1 and set(summaries) - {"random"}:
-        plots.save(plots.adaptation(summaries, configs[0]), out / "adaptation.png")
-    if len(summaries) > 1 and "dqn" in summaries:
-        plots.save(plots.forest(summaries, configs[0]), out / "forest.png")
-    tables.show(tables.study(summaries, configs[0]))
+    study.draw(out, config, summaries, records)
+    tables.show(tables.study(summaries, config))
     print(f"\nall of it: {out}/results.json, {out}/*.png and {out}/AGENT-SEED/")
 
 
-def _drift_effect(args):
+def _drift_effect(args: Namespace) -> None:
+    from . import effect, tables
+
     config = _config(args, args.agent)
-    rows = effect.drift_effect(
-        config, args.out or f"runs/effect-{config.env}", args.jobs, quiet=args.quiet
-    )
+    out = Path(args.out or f"runs/effect-{config.env}")
+    rows = effect.drift_effect(config, out, **_options(args))
     tables.show(tables.drift_effect(rows, config))
 
 
-def _watch(args):
+def _watch(args: Namespace) -> None:
+    from . import files, watch
+
     if args.seed < 0:
         raise UsageError(f"--seed must be a whole number from 0 on, not {args.seed}")
-    check_picture(args.out, ".gif")
-    before, after = episodes = watch.film(args.run, args.drift, args.seed)
+    files.check_picture(args.out, ".gif")
+    episodes = watch.film(args.run, args.drift, args.seed)
     watch.save(episodes, args.out)
-    print(
-        f"before the drift {before.returns[-1]:.1f}, after it {after.returns[-1]:.1f}; the film:"
-        f" {args.out}"
-    )
+    before, after = (episode.returns[-1] for episode in episodes)
+    print(f"before the drift {before:.1f}, after it {after:.1f}; the film: {args.out}")
 
 
-def _maps(args):
-    check_picture(args.out, ".png")
+def _maps(args: Namespace) -> None:
+    from . import files, plots, watch
+
+    files.check_picture(args.out, ".png")
     plots.save(watch.maps(args.run, args.booster), args.out)
     print(f"the picture: {args.out}")
 
 
-def _dask(address):
-    """An executor on a Dask cluster."""
+def _settings(args: Namespace) -> None:
+    from . import tables
+
+    tables.show(tables.settings(args.env, args.preset))
+
+
+@contextmanager
+def _cluster(address: str | None) -> Iterator[Executor | None]:
+    """An executor on a Dask cluster, or None without an address."""
+    if address is None:
+        yield None
+        return
     try:
         from distributed import Client
     except ImportError as e:
         raise UsageError("--dask needs Dask's scheduler: pip install -e '.[cluster]'") from e
     try:
-        return Client(address).get_executor(pure=False)
+        client = Client(address)
     except ValueError as e:
         raise UsageError(
             f"--dask needs the address of a scheduler, like tcp://host:8786: {e}"
         ) from e
-
-
-def _compare(args):
-    agents = _list("--agents", args.agents)
-    configs = {agent: _config(args, agent) for agent in agents}
-    config = next(iter(configs.values()))
-    out = Path(args.out or f"runs/{config.env}")
-    summaries = {}
-    for agent, config in configs.items():
-        known = (out / agent / "config.json").exists()
-        summaries[agent] = runs.train(config, out / agent, known, args.quiet)
-    records = {agent: runs.read_episodes(out / agent) for agent in configs}
-    level = summaries[config.agent]["random_return"]
-    plots.save(plots.learning_curves(records, config, level), out / "comparison.png")
-    tables.show(tables.regimes(summaries, config))
-    print(
-        f"\nthe picture: {out / 'comparison.png'}; all else: {out}/AGENT/ (delete {out} to train"
-        " anew)"
-    )
+    with client:
+        yield client.get_executor(pure=False)
 
 
 if __name__ == "__main__":

@@ -161,20 +161,20 @@ class Config:
     zero_output: Annotated[bool | None, own_or(YES_OR_NO)] = None
     """GB-DQN's new boosters start as the zero function, so adding one changes no action (D11)."""
     warm_start: Annotated[bool | None, own_or(YES_OR_NO)] = None
-    """GB-DQN's new boosters start from the last learner's parameters."""
+    """GB-DQN's new boosters start from the last learner's parameters (D22)."""
 
     keep_data: Annotated[float | None, own_or(FRACTION)] = None
-    """Part of the older data that is kept at an event, its newest."""
+    """Part of the older data that is kept at an event, its newest (D22)."""
     keep_adam: Annotated[bool | None, own_or(YES_OR_NO)] = None
-    """Adam's moments are kept at an event; a fresh network has fresh ones."""
+    """Adam's moments are kept at an event; a fresh network has fresh ones (D22)."""
     lr_factor: Annotated[float, POSITIVE] = 1.0
-    """From the first event on Adam's step size is lr times this."""
+    """From the first event on Adam's step size is lr times this (D22)."""
     epsilon_restart: Annotated[float, FRACTION] = 0.0
-    """ε is raised to this at an event and falls as at the start; 0 leaves it alone."""
+    """ε is raised to this at an event and falls as at the start; 0 leaves it alone (D22)."""
     drift_signal: Annotated[str | list | None, own_or(SIGNAL)] = None
-    """What tells of a drift: the schedule, falling returns, rising |δ|, or a list of episodes."""
+    """What tells of a drift: the schedule, falling returns, rising |δ|, or some episodes (D22)."""
     alarm_level: Annotated[float, POSITIVE] = 5.0
-    """S of the CUSUM chart at which an agent that looks for drifts raises an alarm."""
+    """S of the CUSUM chart at which an agent that looks for drifts raises an alarm (D22)."""
 
     members: Annotated[int, whole(1, 100)] = 5
     """Networks of Ensemble-DQN (D19)."""

@@ -1,55 +1,58 @@
-"""Does a drift matter? What a policy of the stock physics loses in each regime, and whether the
-regime can be learnt.
+"""Does a drift matter? What it costs a policy of the stock physics, and whether it can be learnt.
 
-Only a drift that costs something, and can be made good, lets an experiment tell methods apart.
+An experiment can tell methods apart only if its drifts cost something and can be learnt.
 """
 
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from . import drift, runs, stats, study
+from . import UsageError, drift, runs, stats, study
 from .config import Config
 from .schedule import describe, stock
+from .stats import Rows
 from .train import evaluate, make_agent
 
 
-def drift_effect(config, out, jobs=2, episodes=50, quiet=False):
-    """One dict per different regime of the schedule, the stock physics first: what three policies
-    reach in it.
+def drift_effect(config: Config, out: Path | str, episodes: int = 50, **options: Any) -> Rows:
+    """One dict per regime of the schedule, stock physics first: what three policies reach in it.
 
-    random; frozen, trained in the stock physics and learning no more; trained, in this regime from
-    the start. Mean greedy returns over the same starts, and what the drift costs. The runs are kept
-    in `out`, and those it has are not repeated.
+    random; frozen, trained in the stock physics and no longer learning; trained, in this regime
+    from the start. Each is the mean greedy return of some episodes with the same starts. The two
+    are trained as a study in `out`, which keeps them; the options are those of study.run_study().
     """
-    regimes = {}
-    for factors in [stock(config.env), *(regime.factors for regime in config.regimes)]:
-        regimes[describe(factors)] = factors
-    _, *drifted = regimes.values()
-    schedules = [[], *([{"episode": 0, **factors}] for factors in drifted)]
-    configs = [replace(config, schedule=schedule) for schedule in schedules]
-    folders = [Path(out) / f"{name}, {config.agent}-{config.seed}" for name in regimes]
-    for folder in folders:
-        folder.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(jobs, get_context("spawn"), study.die_with_parent) as executor:
-        paths = [str(folder.resolve()) for folder in folders]
-        trainings = executor.map(study.train_one, [each.to_dict() for each in configs], paths)
-        list(tqdm(trainings, total=len(folders), unit="run", disable=quiet))
-    chance = make_agent(Config(env=config.env, agent="random"))
-    trained = [runs.read_agent(folder)[1] for folder in folders]
-    rows = []
-    for name, schedule, policy in zip(regimes, schedules, trained, strict=True):
-        env = drift.make(config.env, schedule)
-        returns = [evaluate(each, env, episodes, seed=0) for each in (chance, trained[0], policy)]
-        rows.append({"regime": name} | cost(*returns))
+    if episodes < 2:
+        raise UsageError(f"a standard error needs 2 episodes or more, not {episodes}")
+    configs = regimes(config)
+    study.complete(configs, out, **options)
+    trained = [runs.read_agent(Path(out) / name)[1] for name in configs]
+    random, rows = make_agent(Config(env=config.env, agent="random")), []
+    for each, policy in zip(configs.values(), trained, strict=True):
+        env = drift.make(each.env, each.schedule)
+        returns = [evaluate(who, env, episodes, seed=0) for who in (random, trained[0], policy)]
+        rows.append({"regime": describe(each.regimes[0].factors)} | cost(*returns))
     return rows
 
 
-def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, float | None]:
+def regimes(config: Config) -> dict[str, Config]:
+    """The study of every regime of a config's schedule by itself, stock physics first.
+
+    >>> schedule = [{"episode": 9, "length": 2.0}, {"episode": 12, "reset": True}]
+    >>> list(regimes(Config(agent="dqn", seed=3, schedule=schedule)))
+    ['stock-dqn-3', 'length-2.0-dqn-3']
+    """
+    found = {}
+    for factors in [stock(config.env), *(regime.factors for regime in config.regimes)]:
+        changed: dict[str, Any] = {key: x for key, x in factors.items() if x != 1}
+        name = "-".join(f"{key}-{factor!r}" for key, factor in changed.items()) or "stock"
+        schedule = [{"episode": 0} | changed] if changed else []
+        found[f"{name}-{config.agent}-{config.seed}"] = replace(config, schedule=schedule)
+    return found
+
+
+def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, Any]:
     """What a drift costs, from the returns (episodes,) of three policies in its physics.
 
     lost = (trained − frozen) / (trained − random) of the means; None where trained shows no gain.

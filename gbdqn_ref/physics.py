@@ -6,6 +6,7 @@ from the stock value, so no call builds on an earlier one. It takes the unwrappe
 attribute set on a wrapper has no effect) and writes to the instance, never to the class.
 """
 
+import os
 from functools import cache
 from math import copysign, cos, fmod, pi, sin
 
@@ -139,7 +140,7 @@ class SevenActions(gymnasium.ActionWrapper, RecordConstructorArgs):
 
 gymnasium.register(
     "gbdqn_ref/Hopper-v5",
-    "gymnasium.envs.mujoco.hopper_v5:HopperEnv",
+    "gbdqn_ref.physics:hopper",
     max_episode_steps=1000,
     reward_threshold=3800.0,
     additional_wrappers=(SevenActions.wrapper_spec(),),
@@ -194,7 +195,6 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     A contact uses the larger friction of its two surfaces. The foot has twice the floor's, so the
     floor's alone would change nothing.
     """
-    # imported here: only Hopper needs it, and it takes as long as all other imports together
     import mujoco
 
     model, stock = env.model, _stock_hopper(env.fullpath)
@@ -208,6 +208,26 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     # the second
     model.stat.meanmass = stock.stat.meanmass * mass
     model.stat.meaninertia = model.dof_M0.mean()
+
+
+def hopper(**options):
+    """Gymnasium's Hopper. Unless it is drawn, MUJOCO_GL may name a renderer that is missing.
+
+    MuJoCo is imported here: only Hopper needs it, and it takes as long as all other imports.
+    """
+    renderer = os.environ.get("MUJOCO_GL", "")
+    try:
+        import mujoco
+    except Exception:  # of a kind that depends on the renderer
+        if options.get("render_mode"):
+            raise
+        os.environ["MUJOCO_GL"] = "off"
+        import mujoco  # noqa: F401
+
+        os.environ["MUJOCO_GL"] = renderer
+    from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
+
+    return HopperEnv(**options)
 
 
 @cache

@@ -103,15 +103,8 @@ class UniformReplay:
         return self._batch(index, np.ones(batch_size, np.float32))
 
     def _batch(self, index, weight):
-        return Batch(
-            index,
-            self.s[index],
-            self.a[index],
-            self.r[index],
-            self.s2[index],
-            self.terminated[index],
-            weight,
-        )
+        arrays = self.s, self.a, self.r, self.s2, self.terminated
+        return Batch(index, *(array.take(index, axis=0) for array in arrays), weight)
 
     def probabilities(self):
         """P (N,) by slot, from which sample() draws."""

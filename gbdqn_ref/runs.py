@@ -131,7 +131,7 @@ def _write_episodes(config: Config, agent: Any, first: int, out: Path, quiet: bo
     """
     path, saved = out / "episodes.csv", time.monotonic()
     with tqdm(
-        total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet
+        total=config.episodes, initial=first, unit="ep", desc=config.agent, disable=quiet or None
     ) as bar:
         for record in run(config, agent, first):
             append(path, _line(record))

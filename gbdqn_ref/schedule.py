@@ -146,6 +146,8 @@ def describe(factors: dict[str, float], separator: str = ", ") -> str:
     'stock physics'
     """
     changed = [
-        f"{name.replace('_', ' ')} × {factor:g}" for name, factor in factors.items() if factor != 1
+        f"{name.replace('_', ' ')} × {repr(factor).removesuffix('.0')}"
+        for name, factor in factors.items()
+        if factor != 1
     ]
     return separator.join(changed) or "stock physics"

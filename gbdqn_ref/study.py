@@ -1,141 +1,382 @@
-"""Many runs, agents × seeds, over any concurrent.futures.Executor. What is finished is not
-repeated.
+"""Many runs, {name: config}, each in a folder. A run that is complete is not repeated.
 
-    study.json       what is compared: environment and settings, agents, seeds
-    AGENT-SEED/      one run each, as runs.train() leaves it
-    results.json     the summaries of all runs, when all are complete
+    study.json       the settings that all runs share, and those in which each differs
+    NAME/            one run each, as runs.train() leaves it
+    results.json     the same with the summaries of all runs, when all are complete
 
 Killed at any moment and started again, a study ends with the same bytes as one that was left alone.
+
+A worker is a new Python that reads from its stdin one line, which says what to train. It is sent
+nothing more: its stdin ends when the process that started it is gone, and then it ends too.
 """
 
+import json
 import os
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, wait
-from multiprocessing import get_context, parent_process
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, wait
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
+from reprlib import repr as short
 from threading import Thread
+from typing import Any
 
 from tqdm import tqdm
 
-from . import UsageError, files, runs
+from . import StudyError, UsageError, files, plots, runs
+from .agents import OWN
 from .config import Config
+from .schedule import is_count
+from .stats import Rows
+
+MOST_RUNS, MOST_JOBS = 10_000, 1_000
+NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]{0,198}[A-Za-z0-9])?")
+EACH = ("agent", "seed", "replay")  # stated for each run, even if all agree
+PAUSE, GRACE = 0.1, 0.5  # seconds between two looks at the workers, and for them to stop in
+STOPPED = 130  # the exit status of a process that was asked to stop
+ASKED_TO_STOP = {STOPPED, -signal.SIGINT, -signal.SIGTERM}
+PROGRAM = "from gbdqn_ref import study; study.work()"
 
 
-def run_study(configs, out, executor=None, jobs=1, quiet=False):
-    """Train every config, at most `jobs` at a time, and return {"AGENT-SEED": error} of the runs
-    that failed.
+def grid(configs: Mapping[str, Config], seeds: Sequence[int]) -> dict[str, Config]:
+    """Some agents, or some settings, on the same seeds: {"NAME-SEED": config}.
 
-    The configs differ in agent and seed alone, so that runs with one seed meet the same starts and
-    the same drifts. Without an executor of yours the runs are spread over processes; what a process
-    that was killed leaves behind is taken up once more.
+    >>> base = Config(env="acrobot", agent="dqn")
+    >>> list(grid({"dqn": base, "linear": replace(base, hidden=())}, [3, 7]))
+    ['dqn-3', 'linear-3', 'dqn-7', 'linear-7']
+    """
+    _check_size(len(configs) * len(seeds))
+    if len(set(seeds)) < len(seeds):
+        raise UsageError(f"the seeds {short(list(seeds))} name one twice")
+    return {
+        f"{name}-{seed}": replace(config, seed=seed)
+        for seed in seeds
+        for name, config in configs.items()
+    }
+
+
+def run_study(
+    configs: Mapping[str, Config],
+    out: Path | str,
+    executor: Executor | None = None,
+    jobs: int = 2,
+    quiet: bool = False,
+    accept: bool = False,
+) -> dict[str, str]:
+    """Train every {name: config} into out/NAME; {name: error} of the runs that failed.
+
+    Runs with the same seed meet the same starts. By default they work in `jobs` processes, which
+    stop with this one; an executor, like Dask's, takes their place. Runs of other versions are not
+    mixed with those of today unless `accept` says so.
     """
     out = Path(out)
+    _check_size(len(configs))
+    _check_names(configs)
+    if not is_count(jobs) or not 1 <= jobs <= MOST_JOBS:
+        raise UsageError(f"jobs must be a whole number from 1 to {MOST_JOBS:,}, not {short(jobs)}")
     _check_folder(configs, out)
+    left = [name for name in configs if not (out / name / "summary.json").exists()]
+    if left and not accept:
+        _check_versions(configs, out)
     with files.locked(out):
         files.write_json(out / "study.json", _description(configs))
-        left = {out / f"{config.agent}-{config.seed}": config for config in configs}
-        total = sum(config.episodes for config in configs)
-        with tqdm(total=total, unit="ep", desc=f"{len(configs)} runs", disable=quiet) as bar:
-            if executor:
-                failed = _train_all(executor, left, left, bar)
-            else:
-                failed = _train_in_processes(jobs, left, left, bar)
-                broken = {
-                    folder: left[folder]
-                    for folder, e in failed.items()
-                    if isinstance(e, BrokenExecutor)
-                }
-                failed = {folder: failed[folder] for folder in failed if folder not in broken}
-                failed |= _train_in_processes(jobs, broken, left, bar) if broken else {}
+        with _bar(configs, out, quiet) as show:
+            tasks = {
+                name: (configs[name].to_dict(), str((out / name).resolve()), accept)
+                for name in left
+            }
+            failed = (
+                _train_over(executor, tasks, show) if executor else train_all(tasks, jobs, show)
+            )
         if not failed:
-            summaries = [runs.read_summary(folder) for folder in left]
-            files.write_json(out / "results.json", _description(configs) | {"runs": summaries})
-    return {folder.name: f"{type(e).__name__}: {e}" for folder, e in failed.items()}
+            files.write_json(out / "results.json", _results(configs, out))
+    return failed
 
 
-def report(out):
-    """({agent: [summary per seed]}, {agent: [records per seed]}) of a complete study."""
-    out, summaries, records = Path(out), {}, {}
-    for summary in files.read_json(out / "results.json", "runs")["runs"]:
-        agent = summary["agent"]
-        summaries.setdefault(agent, []).append(summary)
-        records.setdefault(agent, []).append(runs.read_episodes(out / f"{agent}-{summary['seed']}"))
+def complete(*arguments: Any, **options: Any) -> None:
+    """run_study(), or StudyError if not every run is complete then."""
+    errors = run_study(*arguments, **options)
+    if errors:
+        raise StudyError(errors)
+
+
+def _check_size(count: int) -> None:
+    if not 1 <= count <= MOST_RUNS:
+        raise UsageError(f"a study has from 1 to {MOST_RUNS:,} runs, not {count:,}")
+
+
+def _check_names(configs: Mapping[str, Config]) -> None:
+    """UsageError unless each name can be a folder of its own on every system."""
+    for name in configs:
+        if not isinstance(name, str) or not NAME.fullmatch(name) or name.endswith(".json"):
+            raise UsageError(
+                f"a run needs a name of letters, digits, '.', '_' and '-', not {short(name)}"
+            )
+    if len({name.lower() for name in configs}) < len(configs):
+        raise UsageError("two runs have names that only differ in upper and lower case")
+
+
+def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
+    """UsageError if the folder holds something else, other settings, or a run that is damaged."""
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is not a folder; choose another --out")
+    begun = [name for name in configs if (out / name / "config.json").exists()]
+    if (out / "study.json").exists():
+        known = files.read_json(out / "study.json", settings=(dict,))["settings"]
+        wanted = _description(configs)["settings"]
+        _refuse_others(out, known, {key: wanted[key] for key in wanted if key not in OWN})
+    elif out.exists() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
+        raise UsageError(f"{out} is not empty and holds no study; choose another --out")
+    for name in begun:
+        known = runs.read_config(out / name).resolved().to_dict()
+        _refuse_others(out / name, known, configs[name].resolved().to_dict())
+        if (out / name / "summary.json").exists():
+            runs.read_summary(out / name)
+            runs.read_episodes(out / name)
+
+
+def _check_versions(configs: Mapping[str, Config], out: Path) -> None:
+    """UsageError if the folder holds runs of other versions than today's."""
+    for name in configs:
+        changed = runs.changes(out / name) if (out / name / "config.json").exists() else []
+        if changed:
+            raise UsageError(
+                f"{out / name} was made with other versions ({', '.join(changed)}); go back to"
+                " those, or train the others under these with --accept-versions"
+            )
+
+
+def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """UsageError if two sets of settings differ in one that both of them state."""
+    others = [key for key in wanted if key in known and known[key] != wanted[key]]
+    if others:
+        raise UsageError(
+            f"{out} has other settings ({', '.join(others)}); repeat them or choose another --out"
+        )
+
+
+def _description(configs: Mapping[str, Config]) -> dict[str, Any]:
+    """What study.json says, with every default filled in."""
+    settings = {name: config.resolved().to_dict() for name, config in configs.items()}
+    first, *others = settings.values()
+    shared = {
+        key: value
+        for key, value in first.items()
+        if key not in EACH and all(other[key] == value for other in others)
+    }
+    return {
+        "settings": shared,
+        "agents": list(dict.fromkeys(config.agent for config in configs.values())),
+        "seeds": sorted({config.seed for config in configs.values()}),
+        "runs": {
+            name: {key: value for key, value in values.items() if key not in shared}
+            for name, values in settings.items()
+        },
+    }
+
+
+def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
+    """What results.json says: for each run its settings, what made it, and its summary."""
+    description = _description(configs)
+    rows = []
+    for name, differs in description["runs"].items():
+        recorded = files.read_json(out / name / "config.json", "config")
+        made_by = {key: recorded[key] for key in recorded if key not in ("config", "own")}
+        rows.append({"name": name, "settings": differs} | made_by | runs.read_summary(out / name))
+    return description | {"runs": rows}
+
+
+def report(out: Path | str) -> tuple[dict[str, Rows], dict[str, list[Rows]]]:
+    """({label: [summary per seed]}, {label: [records per seed]}) of a complete study.
+
+    A label is a run's name without its seed: an agent, or some settings. The seeds are sorted.
+    """
+    out = Path(out)
+    summaries: dict[str, Any] = {}
+    records: dict[str, Any] = {}
+    rows = files.read_json(out / "results.json", runs=[runs.SUMMARY])["runs"]
+    for row in sorted(rows, key=lambda row: row["seed"]):
+        name = row.get("name", f"{row['agent']}-{row['seed']}")
+        label = name.removesuffix(f"-{row['seed']}")
+        summaries.setdefault(label, []).append(row)
+        records.setdefault(label, []).append(runs.read_episodes(out / name))
     return summaries, records
 
 
-def train_one(values, folder):
+def draw(
+    out: Path | str,
+    config: Config,
+    summaries: Mapping[str, Rows],
+    records: Mapping[str, Sequence[Rows]],
+) -> None:
+    """The pictures of a study of agents: curves; adaptation to drifts; differences to DQN."""
+    level = next(iter(summaries.values()))[0]["random_return"]
+    figures = {"curves": plots.study_curves(records, config, level)}
+    if len(config.regimes) > 1 and set(summaries) - {"random"}:
+        figures["adaptation"] = plots.adaptation(summaries, config)
+    if len(summaries) > 1 and "dqn" in summaries:
+        figures["forest"] = plots.forest(summaries, config)
+    for name, figure in figures.items():
+        plots.save(figure, Path(out) / f"{name}.png")
+
+
+def comparison(out: Path | str, configs: Mapping[str, Config]) -> dict[str, dict[str, Any]]:
+    """{agent: summary} of a complete study of one seed, whose curves are drawn in one picture."""
+    out, config = Path(out), next(iter(configs.values()))
+    summaries = {agent: runs.read_summary(out / agent) for agent in configs}
+    records = {agent: runs.read_episodes(out / agent) for agent in configs}
+    level = summaries[config.agent]["random_return"]
+    plots.save(plots.learning_curves(records, config, level), out / "comparison.png")
+    return summaries
+
+
+# --- training -------------------------------------------------------------------------------------
+
+
+Task = tuple[dict[str, Any], str, bool]  # what train_one() is told
+
+
+def train_one(values: Mapping[str, Any], folder: str, accept: bool = False) -> None:
     """One run, in whatever process: {name: value} of its Config, and its folder, begun or not."""
-    runs.train(
-        Config.from_dict(values), folder, resume=(Path(folder) / "config.json").exists(), quiet=True
-    )
+    begun = (Path(folder) / "config.json").exists()
+    runs.train(Config.from_dict(values), folder, resume=begun, quiet=True, accept=accept)
 
 
-def _description(configs):
-    """What study.json says; agent, seed and the agent's own replay are what may differ between
-    runs.
-    """
-    settings = {
-        key: value
-        for key, value in configs[0].to_dict().items()
-        if key not in ("agent", "seed", "replay")
-    }
-    agents = list(dict.fromkeys(config.agent for config in configs))
-    return {
-        "settings": settings,
-        "agents": agents,
-        "seeds": sorted({config.seed for config in configs}),
-    }
+@contextmanager
+def _bar(configs: Mapping[str, Config], out: Path, quiet: bool) -> Iterator[Callable[[], None]]:
+    """A bar of the episodes of all runs, and what moves it to those that they have seen by now."""
+    tables = [out / name / "episodes.csv" for name in configs]
+    total, title = sum(config.episodes for config in configs.values()), f"{len(configs)} runs"
+    with tqdm(
+        total=total, initial=_episodes(tables), unit="ep", desc=title, disable=quiet or None
+    ) as bar:
+
+        def show() -> None:
+            bar.n = _episodes(tables)
+            bar.refresh()
+
+        yield show
 
 
-def _check_folder(configs, out):
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is not a folder; choose another --out")
-    out.mkdir(parents=True, exist_ok=True)
-    known = out / "study.json"
-    if known.exists():
-        if files.read_json(known, "settings")["settings"] != _description(configs)["settings"]:
-            raise UsageError(
-                f"the study in {out} has other settings; repeat them, or choose another --out"
-            )
-    elif any(path.suffix != ".part" for path in out.iterdir()):
-        raise UsageError(f"{out} is not empty and holds no study; choose another --out")
+def _episodes(tables: Sequence[Path]) -> int:
+    """How many episodes some episodes.csv have, which may not exist yet."""
+    lines = [path.read_bytes().count(b"\n") for path in tables if path.exists()]
+    return sum(max(0, count - 1) for count in lines)
 
 
-def _train_in_processes(jobs, left, runs_of_bar, bar):
-    with ProcessPoolExecutor(jobs, get_context("spawn"), die_with_parent) as executor:
-        return _train_all(executor, left, runs_of_bar, bar)
-
-
-def die_with_parent():
-    """In a worker: where the study is killed, leave its run to the next one that is started."""
-
-    def watch():
-        parent_process().join()
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
-
-
-def _train_all(executor, left, runs_of_bar, bar):
-    """{folder: exception} of the runs that failed; the bar counts the episodes of all runs of the
-    study.
-    """
-    submit = executor.submit
-    folders = {
-        submit(train_one, config.to_dict(), str(folder.resolve())): folder
-        for folder, config in left.items()
-    }
-    pending = set(folders)
+def _train_over(
+    executor: Executor, tasks: Mapping[str, Task], show: Callable[[], object]
+) -> dict[str, str]:
+    """What train_all() does, by an executor. If stopped, it only ends what it has begun."""
+    futures = {executor.submit(train_one, *task): name for name, task in tasks.items()}
+    pending = set(futures)
     try:
         while pending:
             _, pending = wait(pending, timeout=0.5)
-            bar.n = sum(_episodes(folder / "episodes.csv") for folder in runs_of_bar)
-            bar.refresh()
-    except KeyboardInterrupt:
+            show()
+    finally:
         for future in pending:
             future.cancel()
-        raise
-    return {folder: future.exception() for future, folder in folders.items() if future.exception()}
+    errors = {name: future.exception() for future, name in futures.items()}
+    return {name: in_a_line(error) for name, error in errors.items() if error}
 
 
-def _episodes(path):
-    return max(0, path.read_bytes().count(b"\n") - 1) if path.exists() else 0
+class Worker(subprocess.Popen):
+    """A process that trains one run."""
+
+    def __init__(self, task: Task) -> None:
+        self.log = tempfile.TemporaryFile()  # noqa: SIM115
+        imports = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONIOENCODING": "utf-8"}
+        super().__init__(
+            [sys.executable, "-P", "-c", PROGRAM],
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self.log,
+            env=os.environ | imports,
+        )
+        with suppress(BrokenPipeError):  # it has been killed already
+            self.stdin.write(f"{json.dumps(task)}\n".encode())  # type: ignore[union-attr]
+
+    def last_words(self) -> str:
+        """The last line of its stderr, when it has ended. Its files are closed."""
+        with self, self.log as log:
+            log.seek(0)
+            lines = log.read().decode(errors="replace").splitlines()
+        return lines[-1] if lines else f"its process ended with status {self.returncode}"
+
+
+def train_all(tasks: Mapping[str, Task], jobs: int, show: Callable[[], object]) -> dict[str, str]:
+    """Give every {name: task} to a worker, `jobs` at a time; {name: error} of those that failed.
+
+    show() is called about ten times a second. A run whose worker is killed starts once more.
+    KeyboardInterrupt if this process or a worker is asked to stop; no worker outlives the call.
+    """
+    waiting, killed, failed = list(tasks), set(), {}
+    working: dict[str, Worker] = {}
+    try:
+        while waiting or working:
+            for name in waiting[: jobs - len(working)]:
+                waiting.remove(name)
+                working[name] = Worker(tasks[name])
+            time.sleep(PAUSE)
+            show()
+            for name in [each for each, worker in working.items() if worker.poll() is not None]:
+                status, error = working[name].returncode, working.pop(name).last_words()
+                if status in ASKED_TO_STOP:
+                    raise KeyboardInterrupt
+                if status < 0 and name not in killed:
+                    killed.add(name)
+                    waiting.append(name)
+                elif status:
+                    failed[name] = error
+    finally:
+        _stop(working.values())
+    return failed
+
+
+def _stop(workers: Collection[Worker]) -> None:
+    """Ask workers to stop, and kill those that take too long."""
+    latest = time.monotonic() + GRACE
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        with suppress(subprocess.TimeoutExpired):
+            worker.wait(max(0.0, latest - time.monotonic()))
+        worker.kill()
+        worker.last_words()
+
+
+def stop_on_signals() -> None:
+    """From now on SIGINT and SIGTERM raise KeyboardInterrupt in this process."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+
+
+def work() -> None:
+    """What a worker does: it trains the run that its stdin describes, and ends with its stdin."""
+    stop_on_signals()
+    task = json.loads(sys.stdin.readline())
+    Thread(target=_end_with_stdin, daemon=True).start()
+    try:
+        train_one(*task)
+    except KeyboardInterrupt:
+        os._exit(STOPPED)  # at once: Python takes its time to end
+    except Exception as e:
+        sys.exit(in_a_line(e))
+
+
+def _end_with_stdin() -> None:
+    os.read(0, 1)  # sys.stdin.read would hold a lock that Python needs at its end
+    os._exit(STOPPED)
+
+
+def in_a_line(error: BaseException) -> str:
+    """An error in one line, whatever is in a path."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

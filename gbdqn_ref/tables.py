@@ -1,13 +1,18 @@
 """What the command line prints, as tables of text. Nothing here computes more than it shows."""
 
+import ast
+import inspect
+import json
+import re
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import stats
-from .agents import AGENTS
-from .config import Config
+from . import presets, stats
+from .agents import AGENTS, OWN
+from .config import SETTINGS, Config, preset_of
 from .schedule import LABELS, describe
 from .stats import Rows
 
@@ -16,21 +21,26 @@ RANDOM = "random policy, stock physics"
 
 
 class Table(NamedTuple):
-    """A title, the names of the columns, rows of as many cells, and the notes below them."""
+    """A title, the names of the columns, rows of as many cells, and the notes below them.
+
+    The first `text` columns are words, the others numbers.
+    """
 
     title: str
     columns: list[str]
     rows: list[list[str]]
     notes: list[str]
+    text: int = 1
 
 
 def show(table: Table) -> None:
-    """Print a table, its first column to the left and the others to the right."""
+    """Print a table, its words to the left and its numbers to the right."""
     widths = [max(map(len, cells)) for cells in zip(table.columns, *table.rows, strict=True)]
     print(f"\n{table.title}\n")
-    for first, *others in (table.columns, *table.rows):
-        numbers = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-        print("  ".join([first.ljust(widths[0]), *numbers]).rstrip())
+    for cells in (table.columns, *table.rows):
+        words = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
+        numbers = [cell.rjust(width) for cell, width in zip(cells, widths, strict=True)]
+        print("  ".join(words[: table.text] + numbers[table.text :]).rstrip())
     print("", *table.notes, sep="\n")
 
 
@@ -101,6 +111,51 @@ def drift_effect(rows: Rows, config: Config) -> Table:
     learner = f"{AGENTS[config.agent].label}, seed {config.seed}"
     title = f"{LABELS[config.env]}, {learner}: mean greedy return in each regime"
     return Table(title, columns, cells, notes)
+
+
+def settings(env: str | None = None, preset: str | None = None) -> Table:
+    """Every setting: its value (the default, or a preset's), where that is from, range, meaning."""
+    config, title = Config(), "The settings and their defaults"
+    if env or preset:
+        env, preset = preset_of(env or "cartpole", preset)
+        config, title = Config.preset(env, preset), f"{LABELS[env]}, preset {preset}: the settings"
+    values, meanings, rows, notes = config.to_dict(), _meanings(), [], []
+    for name, (_, rule) in SETTINGS.items():
+        value, source = json.dumps(values[name]), _source(config, preset, name, meanings[name])
+        if name == "schedule" and values[name]:
+            notes.append(f"schedule: {value}")
+            value = "below"
+        readers = [agent for agent in AGENTS if name in AGENTS[agent].reads]
+        alone = f" Read by {', '.join(readers)} alone." if readers else ""
+        rows.append([name, value, source, rule.words, meanings[name] + alone])
+    notes.append("--set NAME=VALUE changes one; D13 and the like: paper_checks/README.md")
+    return Table(title, ["setting", "value", "source", "range", "meaning"], rows, notes, text=5)
+
+
+def _source(config: Config, preset: str | None, name: str, meaning: str) -> str:
+    """Where a value comes from; without a preset, whether the paper has it in any experiment."""
+    value = getattr(config, name)
+    if name in ("env", "agent", "seed"):
+        return "free"
+    if name in OWN and value is None:
+        return "the agent"
+    if preset and name in presets.PRESETS[preset][config.env]:
+        return presets.source(config.env, preset, name, value)
+    if not preset and any((name, value) in given.items() for given in presets.GIVEN.values()):
+        return "paper"
+    number = re.search(r"D\d+", meaning)
+    return f"ours ({number[0] if number else 'D13'})"
+
+
+def _meanings() -> dict[str, str]:
+    """The sentence below each setting in the source of Config."""
+    (config,) = ast.parse(inspect.getsource(Config)).body
+    fields = pairwise(config.body)  # type: ignore[attr-defined]
+    return {
+        ast.unparse(field.target): text.value.value
+        for field, text in fields
+        if isinstance(field, ast.AnnAssign)
+    }
 
 
 def _adaptation(row: Mapping[str, Any]) -> list[str]:

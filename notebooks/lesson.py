@@ -9,7 +9,7 @@ from textwrap import dedent
 import matplotlib.pyplot as plt
 from IPython.display import Markdown, display
 
-from gbdqn_ref.plots import OKABE_ITO
+from gbdqn_ref.agents import OKABE_ITO
 
 FAST = (
     os.environ.get("NOTEBOOKS") == "fast"

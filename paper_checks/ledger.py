@@ -73,7 +73,7 @@ NOTEBOOKS = {
 GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X", "K")
 KINDS = ("claim", "proof", "control")  # of a check
 GLYPHS = {"1/2": "½", "1/4": "¼", "3/4": "¾"}
-CHECKS = {}  # (id, file, test): Check, filled by the marks
+CHECKS = {}  # (id, kind, file, test): Check, filled by the marks
 FIGURES = {}  # id: {test: figure} of the tests that ran
 current = None  # the test that runs, set by conftest
 
@@ -174,7 +174,7 @@ def proves(*ids, size, without):
 def _note(kind, test, ids, extent=""):
     file, name = f"{test.__module__}.py", test.__name__.removeprefix("test_")
     for id in ids:
-        CHECKS[id, file, name] = Check(id, kind, file, name, extent)
+        CHECKS[id, kind, file, name] = Check(id, kind, file, name, extent)
 
 
 def shows(template, *values):

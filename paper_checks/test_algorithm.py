@@ -5,6 +5,8 @@ The agents are the package's GBDQN with a linear network on one-hot states, a ta
 in a second.
 """
 
+from fractions import Fraction as F
+
 import numpy as np
 import paper
 import pytest
@@ -17,13 +19,15 @@ from worlds import (
     NEXT,
     ONE_HOT,
     TRIANGLE_GAMMA,
+    column,
+    funnel,
     loop,
     one_hot_agent,
     row,
     triangle,
 )
 
-from gbdqn_ref.bellman import loss_gradient, softmax_policy
+from gbdqn_ref.bellman import loss_gradient, softmax_policy, td_target
 from gbdqn_ref.boosting import closed_form_alpha
 from gbdqn_ref.optim import Adam, clip_by_norm, polyak
 
@@ -179,24 +183,25 @@ def test_control_a_live_agent_acts_by_what_it_learns():
     assert during[0] == 0.5 and during[-1] == pytest.approx(1 / (1 + np.exp(-1)), abs=1e-3)
 
 
-def one_call(target, steps=4000, lottery=1):
+def one_call(steps=4000, look=ONE_HOT, every=1, **settings):
     """(Q_{m−1}, Q_m, the MDP) of one call of Algorithm 1: its own behaviour, replay, priorities and
-    weights. The reward of 1 of the first pair is paid as a lottery, so many times as much once in
-    so many times.
+    weights. States look like the rows of `look`. The first pair pays its reward of 1 for `every` so
+    many visits together, at one of them.
     """
-    agent = one_hot_agent(
-        target=target, loss_on="h", alpha=1.0, behaviour="softmax", replay="recency"
-    )
+    reading = {"target": "frozen", "loss_on": "h", "alpha": 1.0}
+    agent = one_hot_agent(behaviour="softmax", **{"replay": "recency"} | reading | settings)
     agent.on_drift("drift")  # Q_{m−1} is a random network
-    before, s, rng = agent.q(ONE_HOT), 0, np.random.default_rng(0)
+    before, s, visits = agent.q(look), 0, 0
     for _ in range(steps):
-        a = agent.act(ONE_HOT[s])
-        r = NEW_REWARDS[s, a] if s or a else lottery * (rng.random() < 1 / lottery)
-        agent.observe(ONE_HOT[s], a, r, ONE_HOT[NEXT[s, a]], False)
+        a, r = agent.act(look[s]), 0
+        visits += (s, a) == (0, 0)
+        if (s, a) != (0, 0) or visits % every == 0:
+            r = NEW_REWARDS[s, a] * (every if (s, a) == (0, 0) else 1)
+        agent.observe(look[s], a, r, look[NEXT[s, a]], False)
         agent.learn()
         s = NEXT[s, a]
     agent = agent.finish()
-    return before, agent.q(ONE_HOT), triangle(NEW_REWARDS)
+    return before, agent.q(look), triangle(NEW_REWARDS)
 
 
 @claim("A2")
@@ -205,7 +210,7 @@ def test_one_call_is_one_backup():
     drop out.
     """
     steps = 4000
-    before, after, mdp = one_call("frozen", steps)
+    before, after, mdp = one_call(steps)
     np.testing.assert_allclose(after, mdp.bellman(before), atol=TOLERANCE)
     shows(
         "{} steps by softmax with recency and PER on {} states and {} actions: Q_m = 𝒯Q_{{m−1}} to"
@@ -217,16 +222,64 @@ def test_one_call_is_one_backup():
 @control("A2")
 def test_control_a_live_call_is_no_backup():
     """With the same actions, replay and weights a live target ends at Q*, not at the backup."""
-    before, after, mdp = one_call("live")
+    before, after, mdp = one_call(target="live")
     np.testing.assert_allclose(after, mdp.q_star(), atol=TOLERANCE)
     assert np.abs(after - mdp.bellman(before)).max() > 100 * TOLERANCE
 
 
 @control("A2")
 def test_control_with_two_outcomes_a_call_is_no_backup():
-    """Where one pair pays 2 half of the time instead of 1, the fit is not its mean (R2)."""
-    before, after, mdp = one_call("frozen", lottery=2)
-    assert abs(after - mdp.bellman(before))[0, 0] > 50 * TOLERANCE
+    """One pair pays 10 at every tenth visit instead of 1 at each. By |δ| alone the fit is more than
+    2 above the backup; uniform draws fit the mean, so it is the draws that matter.
+    """
+    by_error = {"mix": 1.0, "is_exponent": 0.0}
+    for draws, low, high in ((by_error, 2, 9), ({"replay": "uniform"}, -0.3, 0.3)):
+        before, after, mdp = one_call(every=10, **draws)
+        assert low < (after - mdp.bellman(before))[0, 0] < high
+
+
+@control("A2")
+def test_control_where_two_states_look_alike_a_call_is_no_backup():
+    """One row of the table for two states: the fit has to lie between two residuals."""
+    look = ONE_HOT[[0, 0, 2]]
+    before, after, mdp = one_call(look=look)
+    assert np.abs(after - mdp.bellman(before)).max() > 100 * TOLERANCE
+
+
+def fitted_next(next_states):
+    """The targets y of the six transitions of the triangle where these states come next, (3, 2)."""
+    Q = np.arange(6.0).reshape(3, 2) ** 2
+    terminated = np.zeros(NEXT.size, bool)
+    y = td_target(NEW_REWARDS.ravel(), terminated, Q[np.ravel(next_states)], TRIANGLE_GAMMA)
+    return y.reshape(NEXT.shape), triangle(NEW_REWARDS).bellman(Q)
+
+
+@claim("A8")
+def test_with_the_current_next_state_every_target_has_the_same_value():
+    """At the moment the agent is in state 2, so y_i − r_i is γ max Q(2, ·) for all six samples."""
+    y, backup = fitted_next(np.full(NEXT.shape, 2))
+    printed, right = (np.unique((each - NEW_REWARDS).round(9)) for each in (y, backup))
+    assert len(printed) == 1 < len(right) and abs(y - backup).max() > 1
+    shows(
+        "{} samples, the agent in state {}: y_i − r_i is {:.3g} for all, and by s′_i {:.3g}",
+        *(NEXT.size, NEXT.max(), printed, right),
+    )
+
+
+@claim("A8")
+def test_with_its_own_next_state_every_target_is_the_backup():
+    """y_i is (𝒯Q)(s_i, a_i)."""
+    y, backup = fitted_next(NEXT)
+    np.testing.assert_allclose(y, backup)
+    shows("with s′_i instead y_i = (𝒯Q)(s_i, a_i) on all {} pairs", NEXT.size)
+
+
+@control("A8")
+def test_control_for_the_transition_just_stored_both_are_the_same():
+    """Its s′_i is the current s′: where all samples lead there, line 16 is right as printed."""
+    mdp, Q = funnel(1, 2, F(1, 2)), column(3, 5)
+    y = td_target(mdp.r[:, 0], np.zeros(2, bool), np.broadcast_to(Q[1], (2, 1)), mdp.gamma)
+    assert (y == mdp.bellman(Q)[:, 0]).all()
 
 
 def left_by_steps(residual, h, eta):

@@ -25,11 +25,8 @@ def agent_with(boosters):
     agent = GBDQN(2, 3, config, np.random.default_rng(0))
     for _ in range(boosters + 1):
         for _ in range(10):
-            agent.observe(
-                *(agent.rng.normal(size=2).astype(np.float32), 0, -1.0),
-                np.ones(2, np.float32),
-                False,
-            )
+            s, s2 = agent.rng.normal(size=(2, 2)).astype(np.float32)
+            agent.observe(s, agent.rng.integers(3), -1.0, s2, False)
         agent.learn()
         if len(agent.ensemble) < boosters:
             agent.on_drift("drift")
@@ -89,7 +86,7 @@ def test_an_action_asks_every_booster(boosters):
     agent, state = agent_with(boosters), np.full(2, 0.5, np.float32)
     forward, backward = counted(lambda: agent.act(state, greedy=True))
     assert (forward - boosters, backward) == (1, 0)
-    shows("an action: m + {}", forward - boosters)
+    shows("m + {} for an action", forward - boosters)
 
 
 @pytest.mark.parametrize("boosters", BOOSTERS)
@@ -178,6 +175,110 @@ def test_control_a_drift_changes_the_ensemble():
     """Folding in is seen in its parameters."""
     agent = agent_with(1)
     assert moves(agent, agent.fold_in) == (False, True)
+
+
+def costs(*events):
+    """(learners, parameters kept, forward rows of an action, of an update) after these events."""
+    agent = agent_with(0)
+    for event in events:
+        agent.on_drift(event)
+    networks = len(agent.ensemble) + 1
+    kept = agent.ensemble.theta.size + agent.theta.size
+    action = counted(lambda: agent.act(np.full(2, 0.5, np.float32), greedy=True))[0]
+    return networks, kept, action, counted(agent.learn)[0]
+
+
+@claim("M22")
+@pytest.mark.parametrize("drifts", [1, 4, 16])
+def test_memory_and_actions_grow_with_the_drifts(drifts):
+    """In proportion to 1 + drifts; an update costs what it did."""
+    one, parameters, action, update = costs()
+    networks, kept, asked, learnt = costs(*["drift"] * drifts)
+    assert (one, action) == (1, 1) and networks == asked == 1 + drifts
+    assert kept == (1 + drifts) * parameters and learnt == update
+    shows("D drifts: D + {} networks to keep and to ask for an action; updates as before", one)
+
+
+@control("M22")
+def test_control_without_drifts_nothing_grows():
+    """Resets of the physics add no booster."""
+    assert costs(*["reset"] * 16) == costs()
+
+
+def cached(agent):
+    """(Q_{m−1}(s_i, a_i) and Q_{m−1}(s′_i, ·) as cached, and from all the networks)."""
+    replay, slots = agent.replay, agent.replay.slots()
+    kept = agent.q_frozen[slots], agent.q_frozen_next[slots]
+    now = agent.ensemble.q(replay.s[slots]), agent.ensemble.q(replay.s2[slots])
+    return kept, (now[0][np.arange(len(slots)), replay.a[slots]], now[1])
+
+
+@claim("M23")
+@pytest.mark.parametrize("boosters", BOOSTERS)
+def test_the_cached_predictions_are_those_of_the_ensemble(boosters):
+    """Also where transitions have come before and after a booster, and where slots were reused."""
+    agent = agent_with(boosters)
+    assert (len(agent.replay) == agent.config.capacity) == (boosters > 1)
+    for kept, now in zip(*cached(agent), strict=True):
+        np.testing.assert_allclose(kept, now, atol=1e-5)
+    shows("random transitions, {}, {} and {} boosters: the same to rounding", *BOOSTERS)
+
+
+@control("M23")
+def test_control_if_a_booster_is_not_frozen_the_cache_is_stale():
+    """One parameter of one booster moves, and the ensemble is no longer what is cached."""
+    agent = agent_with(4)
+    agent.ensemble.theta[0, -1] += 1
+    kept, now = cached(agent)
+    assert np.abs(kept[1] - now[1]).max() > 0.1
+
+
+def when_a_booster_comes(zero_output):
+    """(Q before, Q after a live GB-DQN with a booster is told of a drift), on random states."""
+    config = Config(hidden=[8], capacity=50, batch_size=BATCH, zero_output=zero_output)
+    agent, x = GBDQN(2, 3, config, np.random.default_rng(0)), np.random.default_rng(1)
+    x = x.normal(size=(500, 2)).astype(np.float32)
+    agent.on_drift("drift")
+    agent.theta = agent.net.init(agent.rng)  # as if it had learnt
+    before = agent.q(x)
+    agent.on_drift("drift")
+    return before, agent.q(x)
+
+
+@claim("M24")
+def test_a_new_booster_of_zero_output_changes_no_action():
+    """Nor any value, beyond rounding."""
+    before, after = when_a_booster_comes(zero_output=True)
+    np.testing.assert_allclose(after, before, atol=1e-6)
+    same = (after.argmax(-1) == before.argmax(-1)).sum()
+    assert same == len(before)
+    shows("on {} of {} random states the greedy action is the one before", same, len(before))
+
+
+@control("M24")
+def test_control_a_new_booster_of_random_output_changes_actions():
+    """What it says before it has learnt anything is added to Q."""
+    before, after = when_a_booster_comes(zero_output=False)
+    assert (after.argmax(-1) != before.argmax(-1)).any()
+
+
+@claim("M20")
+def test_folding_in_forgets_nothing():
+    """Through updates, drifts and a reset the old networks and weights stay, to the bit, and so
+    does what each stage answers.
+    """
+    agent, x, drifts = agent_with(2), np.ones((1, 2), np.float32), 3
+    theta, alpha = agent.ensemble.theta.copy(), agent.ensemble.alpha.copy()
+    old = agent.ensemble.staged_q(x)
+    for event in [*["drift"] * drifts, "reset"]:
+        agent.learn()
+        agent.on_drift(event)
+    kept = len(theta)
+    assert len(agent.ensemble) == kept + drifts
+    assert np.array_equal(agent.ensemble.theta[:kept], theta)
+    assert np.array_equal(agent.ensemble.alpha[:kept], alpha)
+    np.testing.assert_allclose(agent.ensemble.staged_q(x)[:kept], old, atol=1e-6)
+    shows("{} drifts later θ_1, θ_{} and their α are the same to the bit", drifts, kept)
 
 
 @claim("M20")

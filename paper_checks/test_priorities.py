@@ -36,25 +36,35 @@ from gbdqn_ref.tabular import MDP
 # What off-policy learning excuses
 
 
+def random_world(seed):
+    """(an MDP of 3 states and 2 actions, a Q, how often a behaviour visits each pair), exactly."""
+    rng = np.random.default_rng(seed)
+    weights, rewards, Q, visits = (
+        rng.integers(1, 10, size) + F(0) for size in ((3, 2, 3), (3, 2), (3, 2), (3, 2))
+    )
+    return MDP(weights / weights.sum(-1, keepdims=True), rewards, F(9, 10)), Q, visits
+
+
+def mean_targets(mdp, q_next, visits):
+    """E[y | s, a] in data with so many visits, where q_next (S, A) are the values of s′."""
+    seen = visits[:, :, None] * mdp.P  # how often (s, a, s') is in the data
+    y = td_target(
+        np.broadcast_to(mdp.r[:, :, None], seen.shape),
+        np.zeros(seen.shape, bool),
+        np.broadcast_to(q_next, (*seen.shape, 2)),
+        mdp.gamma,
+    )
+    return (seen * y).sum(-1) / seen.sum(-1)
+
+
 @claim("R1")
 @given(st.integers(0, 10**6))
 def test_the_mean_target_of_a_pair_is_its_backup_whatever_the_behaviour(seed):
     """E[y | s, a] = (𝒯Q)(s, a): how often a pair is visited cancels, for the next state depends on
     the pair alone.
     """
-    rng = np.random.default_rng(seed)
-    weights, rewards, Q, visits = (
-        rng.integers(1, 10, size) + F(0) for size in ((3, 2, 3), (3, 2), (3, 2), (3, 2))
-    )
-    mdp = MDP(weights / weights.sum(-1, keepdims=True), rewards, F(9, 10))
-    seen = visits[:, :, None] * mdp.P  # how often (s, a, s') is in the data
-    y = td_target(
-        np.broadcast_to(rewards[:, :, None], seen.shape),
-        np.zeros(seen.shape, bool),
-        np.broadcast_to(Q, (*seen.shape, 2)),
-        mdp.gamma,
-    )
-    assert ((seen * y).sum(-1) / seen.sum(-1) == mdp.bellman(Q)).all()
+    mdp, Q, visits = random_world(seed)
+    assert (mean_targets(mdp, Q, visits) == mdp.bellman(Q)).all()
     shows(
         "E[y | s, a] = (𝒯Q)(s, a) exactly, random MDPs and visits of {} states and {} actions",
         *Q.shape,
@@ -63,10 +73,24 @@ def test_the_mean_target_of_a_pair_is_its_backup_whatever_the_behaviour(seed):
 
 @control("R1")
 def test_control_two_steps_do_depend_on_the_behaviour():
-    """On a loop with rewards (0, 1), two steps from a₀ differ with the action that comes next."""
-    gamma, rewards = F(1, 2), exact(0, 1)
-    y = td_target(rewards[0] + gamma * rewards, np.zeros(2, bool), np.full((2, 2), F(0)), gamma**2)
-    assert y[0] != y[1]
+    """Where the second step too is taken from the data, its action is the behaviour's, and two
+    behaviours give two mean targets.
+    """
+    mdp, Q, visits = random_world(0)
+    found = []
+    for behaviour in (visits, visits[:, ::-1]):
+        second = (behaviour * mean_targets(mdp, Q, behaviour)).sum(-1) / behaviour.sum(-1)
+        found.append(mean_targets(mdp, np.stack([second] * 2, -1), behaviour))
+    assert (found[0] != found[1]).all() and (found[0] != mdp.bellman(mdp.bellman(Q))).all()
+
+
+@control("R1")
+def test_control_in_data_of_two_physics_it_is_no_backup():
+    """Half of the visits are from other physics: the mean is neither's backup."""
+    (mdp, Q, visits), (old, _, _) = random_world(0), random_world(1)
+    both = MDP((mdp.P + old.P) / 2, (mdp.r + old.r) / 2, mdp.gamma)
+    mean = mean_targets(both, Q, visits)
+    assert (mean != mdp.bellman(Q)).all() and (mean != old.bellman(Q)).all()
 
 
 def fitted(replay, y):
@@ -260,6 +284,18 @@ def deltas(target, updates):
 
 
 @claim("R5")
+def test_from_stage_to_stage_it_varies():
+    """Folded in, the booster takes its part of the residual off δ."""
+    agent = agent_with_one_transition("frozen")
+    before = float([agent.learn()[0] for _ in range(500)][-1])
+    agent.on_drift("drift")
+    after = float(agent.learn()[0])
+    assert before == pytest.approx(2, abs=0.01) and after == pytest.approx(0, abs=0.01)
+    shows("δ is {:.2f} in one stage, {:.0f} in the next", before, abs(after))
+
+
+@control("R5")
+@claim("R5")
 def test_the_td_error_stands_still_while_the_booster_learns():
     """Nothing in it moves until the next booster."""
     delta = deltas("frozen", 500)
@@ -407,6 +443,16 @@ def mass_on_the_newest(k, n, mix, rate):
 
 
 @claim("R9")
+@given(st.floats(0.01, 2), st.floats(0.01, 2), st.integers(1, 40))
+def test_a_larger_rate_favours_the_newer_of_any_two(rate, more, age):
+    """p^time of a new transition is e^{α age} times that of an older one, which rises with α."""
+    slow, fast = (np.divide(*time_priority([0, age], each)) for each in (rate, rate + more))
+    assert slow == pytest.approx(np.exp(rate * age)) and slow < fast
+    shows("p^time: a newer transition has e^{{α age}} times the priority of an older one")
+
+
+@control("R9")
+@claim("R9")
 def test_a_larger_rate_can_mean_less_recency():
     """Three transitions of equal |δ|: as e^{−α} falls, the newest two first get more of the draws
     and then less.
@@ -433,12 +479,13 @@ def test_in_a_buffer_of_1000_too():
     shows("N = {}: α = {}, {} and {} give the newest {} {:.5f}", n, *rates, newest, mass)
 
 
-@control("R9")
+@claim("R9")
 @given(st.integers(1, 30), st.integers(1, 30), st.floats(0, 5), st.floats(0, 5))
-def test_control_pure_recency_does_as_it_says(k, more, rate, faster):
+def test_pure_recency_does_as_it_says(k, more, rate, faster):
     """At β = 0 the newest k have (1 − x^k)/(1 − x^N), x = e^{−α}, which rises with α."""
     mass, faster_mass = (mass_on_the_newest(k, k + more, 0, r) for r in (rate, rate + faster))
     assert mass <= faster_mass + 1e-12
+    shows("at β = 0 the newest k of N have more of the draws, for every k")
 
 
 # What is stored, and its sum
@@ -511,12 +558,9 @@ def test_by_its_own_error_it_can_enter_anywhere():
 
 
 @control("R13")
-def test_control_by_its_own_error_it_may_enter_at_the_bottom():
-    """By line 11 a new transition without error is below one with |δ| = 1, recency or not."""
-    replay = with_a_new_one(RecencyReplay(2, 1), [1.0])
-    replay.update_priorities(np.array([1]), np.array([0.0]))
-    P = replay.probabilities()
-    assert P[-1] < P.max()
+def test_control_with_the_largest_error_so_far_the_two_rules_agree():
+    """Where its own |δ| equals the largest in the buffer, line 11 gives it the maximum as well."""
+    assert part_of_the_new_one(own_delta=-1.0) == part_of_the_new_one()
 
 
 def ending(name, action):

@@ -14,6 +14,7 @@ from worlds import loop, row
 
 from gbdqn_ref.bellman import loss_gradient, td_target, weighted_loss
 from gbdqn_ref.boosting import closed_form_alpha
+from gbdqn_ref.optim import polyak
 from gbdqn_ref.replay import importance_weights
 
 SEEDS = st.integers(0, 10**6)
@@ -67,18 +68,22 @@ def test_control_what_is_never_drawn_is_never_corrected():
     assert expected_loss(np.array([1.0, 0.0]), error) == 0 < weighted_loss(error, np.ones(2))
 
 
-def fitted_sums(Q, Q_target):
-    """(y, Q + h) for h = y − Q and for h = y − Q̄, with r = 1, γ = 1 and Q̄(s′, ·) = 6."""
-    y = td_target(np.array([1.0]), np.array([False]), np.array([[6.0]]), 1.0)[0]
-    return y, Q + (y - Q), Q + (y - Q_target)
+def boosted_sums(tau):
+    """(Q, Q̄, y, Q + h for h = y − Q, and for h = y − Q̄) on a loop with r = 1 and γ = ½, for Q = 3
+    and a target network that has made one Polyak step from 2.
+    """
+    Q, Q_target = np.array([3.0]), np.array([2.0])
+    polyak(Q_target, Q, tau)
+    y = td_target(np.ones(1), np.array([False]), Q_target[None], 0.5)
+    fits = [closed_form_alpha(y - q, np.ones(1)) for q in (Q, Q_target)]
+    return Q, Q_target, y, *(Q + h for h in fits)
 
 
 @claim("M6")
 def test_two_ensembles_in_the_residual_give_two_fits():
-    """With Q in the residual Q + h is the target y, with Q̄ it is not."""
-    Q, Q_target = 3.0, 2.0
-    y, with_q, with_target = fitted_sums(Q, Q_target)
-    assert with_q == y != with_target
+    """With Q in the residual Q + h is the target y; with Q̄ it is off by Q − Q̄."""
+    Q, Q_target, y, with_q, with_target = boosted_sums(tau=0.0)
+    assert with_q == y == 1 + Q_target / 2 and with_target - y == Q - Q_target
     shows(
         "Q = {}, Q̄ = {}, y = {}: the fitted Q_m is {} with Q in the residual, {} with Q̄",
         *(Q, Q_target, y, with_q, with_target),
@@ -86,9 +91,9 @@ def test_two_ensembles_in_the_residual_give_two_fits():
 
 
 @control("M6")
-def test_control_a_frozen_network_is_its_own_target():
-    """With Q̄ = Q the two are the same."""
-    _, with_q, with_target = fitted_sums(3.0, 3.0)
+def test_control_a_target_that_has_caught_up_gives_one_fit():
+    """With Q̄ = Q, as for a frozen network, there is one residual."""
+    *_, with_q, with_target = boosted_sums(tau=1.0)
     assert with_q == with_target
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ledger import claim, control, shows
-from worlds import filled, normalise, with_errors
+from worlds import exact, filled, normalise, with_errors
 
 from gbdqn_ref.replay import (
     RecencyReplay,
@@ -65,6 +65,22 @@ def recency_shares(rate_of):
 
 
 @claim("R12")
+@given(st.integers(0, 10**6), st.integers(1, 60), st.floats(0.001, 2))
+def test_in_a_given_buffer_every_balance_has_its_beta(seed, n, rate):
+    """λ rises with β, and λ = c at β = c S_time / (c S_time + (1 − c) S_TD)."""
+    delta = np.random.default_rng(seed).normal(size=n)
+    p_td, p_time = td_priority(delta, 0.01, 0.6).sum(), time_priority(np.arange(n), rate).sum()
+    balances = np.linspace(0, 1, 5)
+    shares = [
+        with_errors(RecencyReplay(n, 1, beta, rate), delta).td_share()
+        for beta in balances * p_time / (balances * p_time + (1 - balances) * p_td)
+    ]
+    assert shares == pytest.approx(balances)
+    shows("in a given buffer every share of TD error from 0 to 1 has its β")
+
+
+@control("R12")
+@claim("R12")
 def test_the_recency_share_fades_as_the_buffer_fills():
     """S_time ≤ 1 / (1 − e^{−α}) is bounded, and S_TD grows with N."""
     rate = 0.01
@@ -78,12 +94,51 @@ def test_the_recency_share_fades_as_the_buffer_fills():
     )
 
 
-@control("R12")
-def test_control_it_does_not_fade_when_the_rate_falls_with_the_buffer():
+@claim("R12")
+def test_it_does_not_fade_when_the_rate_falls_with_the_buffer():
     """With α = 3/N the share keeps to a constant, so it is the fixed rate that makes it fade."""
-    _, shares = recency_shares(lambda n: 3 / n)
-    constant = (1 - np.exp(-3)) / 3
+    c = 3
+    sizes, shares = recency_shares(lambda n: c / n)
+    constant = (1 - np.exp(-c)) / c
     np.testing.assert_allclose(shares, constant / (1 + constant), atol=0.005)
+    shows("with α = c/N, c = {:d}, {:.3f} and {:.3f} from {} and {}", c, *shares[1:], *sizes[1:])
+
+
+RECENCY = exact(F(1, 2), 1)  # e^{−α age} of two transitions, the newer one last
+
+
+def part_of_the_newer(scale, rule):
+    """P of the newer of two transitions by a rule of (p^TD, p^time), with |δ| the same for both."""
+    return rule(td_priority(exact(scale, scale), 0, 1), RECENCY)[1]
+
+
+def printed_rule(p_td, p_time):
+    """Eqs. 10–11 with β = ½."""
+    return normalise(mixed_priority(p_td, p_time, F(MIX)))
+
+
+@claim("R16")
+def test_the_size_of_the_errors_sets_the_recency():
+    """|δ| is the same for both, so it says nothing about which to prefer, and yet its size does."""
+    scales = (1, 9)
+    small, large = (part_of_the_newer(scale, printed_rule) for scale in scales)
+    assert small > large > F(1, 2)
+    shows(
+        "two transitions, β = {:/}, e^{{−α age}} = ({}): P of the newer is {} with |δ| = {} for"
+        " both, {} with {}",
+        *(MIX, RECENCY, small, scales[0], large, scales[1]),
+    )
+
+
+@control("R16")
+@given(st.integers(1, 99), st.fractions(0, 1, max_denominator=9))
+def test_control_mixed_after_normalising_the_size_has_no_effect(scale, share):
+    """With λ given and each part normalised first the newer one has the same P at every |δ|."""
+
+    def rule(p_td, p_time):
+        return two_stages(share, p_td, p_time)
+
+    assert part_of_the_newer(scale, rule) == part_of_the_newer(1, rule)
 
 
 def weighted_mean(P, f, exponent, normalise_by, batch_size):

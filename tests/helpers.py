@@ -139,7 +139,7 @@ def cli(*arguments, cwd=None, **variables):
     result = subprocess.run(
         command(*arguments),
         cwd=cwd,
-        env=environ(PYTHONIOENCODING="utf-8", **variables),
+        env=environ(**{"PYTHONIOENCODING": "utf-8"} | variables),
         capture_output=True,
         encoding="utf-8",
         timeout=60,

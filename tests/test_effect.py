@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import SMALL, drifts_at, flags, refused
 
-from gbdqn_ref import drift, effect, runs
+from gbdqn_ref import StudyError, UsageError, drift, effect, runs
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 from gbdqn_ref.schedule import describe
@@ -68,6 +68,46 @@ def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path)
     assert effect.drift_effect(config, tmp_path, episodes=2, quiet=True) == first
     assert ages == {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
     assert len(list(tmp_path.glob("*/summary.json"))) == 3
+
+
+def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
+    """A regime is known by its factors. One that returns is not trained again."""
+    schedule = [
+        {"episode": 1, "length": 1.0000001},
+        {"episode": 2, "length": 1.0000002},
+        {"episode": 3, "gravity": 1.0},
+        {"episode": 4, "length": 1.0000001},
+    ]
+    config = Config(agent="random", **SMALL | dict(episodes=5, schedule=schedule))
+    rows = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
+    names = ["stock physics", "length × 1.0000001", "length × 1.0000002"]
+    assert [row["regime"] for row in rows] == names
+    trained = effect.regimes(config)
+    lengths = [each.regimes[0].factors["length"] for each in trained.values()]
+    assert lengths == [1, 1.0000001, 1.0000002]
+    assert {path.parent.name for path in tmp_path.glob("*/summary.json")} == set(trained)
+
+
+def test_a_single_episode_has_no_standard_error(tmp_path):
+    with pytest.raises(UsageError, match="2 episodes or more, not 1"):
+        effect.drift_effect(Config(agent="random"), tmp_path / "out", episodes=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_fails_leaves_no_table(tmp_path):
+    config = Config(agent="random", **DRIFTING)
+    first, *others = effect.regimes(config)
+    (tmp_path / "study.json").write_text('{"settings": {}}')
+    (tmp_path / first).touch()
+    with pytest.raises(StudyError, match=f"{first}: UsageError: .* is not a folder"):
+        effect.drift_effect(config, tmp_path, quiet=True)
+    assert all((tmp_path / name / "summary.json").exists() for name in others)
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "1001"])
+def test_a_wrong_number_of_processes_is_refused(tmp_path, capsys, jobs):
+    arguments = ["drift-effect", "--jobs", jobs, "--out", str(tmp_path / "out")]
+    refused(capsys, tmp_path, arguments, "jobs must be a whole number from 1 to 1,000")
 
 
 def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):

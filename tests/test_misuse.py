@@ -39,6 +39,22 @@ COMMANDS = {
     "an unknown agent": (["train", "--agent", "ppo"], "gbdqn, dqn"),
     "an empty agent": (["train", "--agent", ""], "gbdqn, dqn"),
     "an unknown preset": (["train", "--preset", "slow"], "paper, fast"),
+    "a preset beside another one": (
+        ["train", "--env", "acrobot-hard", "--preset", "fast"],
+        "names the preset hard, so it cannot be 'fast'",
+    ),
+    "an empty environment": (["train", "--env", ""], "--env: must not be empty"),
+    "an empty preset": (["compare", "--preset", ""], "--preset: must not be empty"),
+    "an empty folder": (["drift-effect", "--out", ""], "--out: must not be empty"),
+    "an empty address": (["study", "--dask", ""], "--dask: must not be empty"),
+    "an empty run": (["watch", ""], "RUN: must not be empty"),
+    "a film as a video": (["watch", "run", "--out", "film.mp4"], ".gif"),
+    "maps as a document": (["maps", "run", "--out", "maps.pdf"], ".png"),
+    "a film of no run": (["watch", "nowhere", "--out", "new/film.gif"], "no run in nowhere"),
+    "maps of no run": (["maps", "nowhere", "--out", "new/maps.png"], "no run in nowhere"),
+    "no process in a comparison": (["compare", "--jobs", "0"], "jobs must be"),
+    "settings of an unknown environment": (["settings", "--env", "x"], "unknown environment"),
+    "settings of an unknown preset": (["settings", "--preset", "long"], "has no preset 'long'"),
     "a seed in words": (["train", "--seed", "x"], "--seed"),
     "half a seed": (["train", "--seed", "1.5"], "--seed"),
     "a negative seed": (
@@ -126,6 +142,24 @@ def test_a_wrong_command_is_refused(tmp_path, monkeypatch, capsys, arguments, ke
 @pytest.mark.parametrize(("arguments", "keyword"), SETTINGS.values(), ids=SETTINGS)
 def test_a_wrong_setting_is_refused(tmp_path, capsys, command, arguments, keyword):
     refused(capsys, tmp_path, [command, "--out", str(tmp_path / "run"), *arguments], keyword)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        (".5", 0.5),
+        ("1.", 1.0),
+        ("+0.5", 0.5),
+        ("5e-1", 0.5),
+        ("0.5", 0.5),
+        (" 1", 1.0),
+        ("+1", 1.0),
+    ],
+)
+def test_a_number_may_be_written_as_people_do(tmp_path, text, value):
+    arguments = ["--agent", "random", "--set", "episodes=1", "--set", f"lr={text}", "--quiet"]
+    assert main(["train", *arguments, "--out", str(tmp_path / "run")]) == 0
+    assert runs.read_config(tmp_path / "run").lr == value
 
 
 # --- folders --------------------------------------------------------------------------------------

@@ -25,9 +25,9 @@ CONFIG = Config(
 STARTS, SHADED = [8, 14], [(8, 14)]
 
 
-def records(returns):
+def records(returns, first=0):
     """A run's records, as far as pictures read them."""
-    return [{"episode": k, "return": float(r)} for k, r in enumerate(returns)]
+    return [{"episode": k, "return": float(r)} for k, r in enumerate(returns, first)]
 
 
 def summary(seed=0, final=0.0, regimes=()):
@@ -99,6 +99,12 @@ def test_a_learning_curve_shows_the_returns_and_their_trailing_means():
     assert list(random.get_ydata()) == [-3, -3]
 
 
+def test_a_learning_curve_stands_at_its_episodes():
+    axes = plots.learning_curves({"dqn": records(range(15), first=4)}, CONFIG, 0.0).axes[0]
+    assert points(axes.lines[0]) == [(4 + k, k) for k in range(15)]
+    assert points(axes.lines[1]) == [(18, 7)]
+
+
 def test_a_learning_curve_says_what_it_shows():
     figure = plots.learning_curves({"dqn": records(range(20))}, CONFIG, -3.0)
     (axes,) = figure.axes
@@ -120,6 +126,7 @@ def test_regimes_within_the_run_are_marked_shaded_and_named():
         ((17, plots.ABOVE), "reset:\nstock physics", 0),
     ]
     assert all(text.get_transform() == axes.get_xaxis_transform() for text in axes.texts[2:])
+    assert {(text.get_ha(), text.get_va()) for text in axes.texts[2:]} == {("center", "bottom")}
 
 
 def test_names_of_narrow_regimes_are_turned():
@@ -265,7 +272,7 @@ AFTER = {  # of five seeds, after both drifts: (drop, recovery, area)
 NEVER = 6 * (1 + plots.LANE)  # the longest regime after a drift has 6 episodes
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def adaptation():
     return plots.adaptation(AFTER, CONFIG)
 
@@ -388,7 +395,7 @@ def test_a_single_pair_has_no_interval():
 # --- maps of values -------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def maps():
     """Two actions' values change hands in one corner."""
     before = np.zeros((5, 5, 3))
@@ -454,9 +461,16 @@ def test_the_maps_have_a_scale_beside_each_picture_of_values(maps):
 
 def test_the_lower_end_of_the_scale_is_the_lowest_best_value_of_both():
     before = np.full((2, 2, 3), -5.0)
+    before[0, 0, 1] = -2
     figure = plots.value_maps(before, before + 1, 2)
-    assert pictures(figure)[0].get_clim() == (-5, -4)
-    assert pictures(plots.value_maps(before, before - 1, 2))[0].get_clim() == (-6, -5)
+    assert pictures(figure)[0].get_clim() == (-5, -1)
+    assert pictures(plots.value_maps(before, before - 1, 2))[0].get_clim() == (-6, -2)
+
+
+def test_the_maps_lie_on_the_plane_with_its_lowest_velocity_below(maps):
+    for image in pictures(maps):
+        assert tuple(image.get_extent()) == (-1.2, 0.6, -0.07, 0.07)
+        assert image.origin == "lower"
 
 
 # --- all of them ----------------------------------------------------------------------------------
@@ -536,12 +550,12 @@ def test_a_picture_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
 
 
 def test_a_picture_is_a_png_in_a_folder_that_is_made(tmp_path):
-    path = tmp_path / "new" / "forest.png"
+    path = tmp_path / "a" / "new" / "forest.png"
     plots.save(drawn("forest", CONFIG, ["gbdqn", "dqn"]), path)
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     width = int.from_bytes(path.read_bytes()[16:20])
     assert width == plots.FOREST[0] * plots.DPI
-    assert set(contents(tmp_path)) == {"new", "new/forest.png"}
+    assert set(contents(tmp_path)) == {"a", "a/new", "a/new/forest.png"}
 
 
 @pytest.mark.parametrize(

@@ -139,7 +139,7 @@ def test_every_deviation_is_listed_once_and_cited_at_its_line():
 
 def test_every_promise_names_tests_that_there_are():
     page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
-    rows = [row for row in page.splitlines() if row.startswith("| ")][1:]
+    rows = [row for row in page.splitlines() if re.match(r"\| (?!promise)", row)]
     assert len(rows) > 10
     for row in rows:
         named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", row)

@@ -2,8 +2,8 @@
 way.
 """
 
-import contextlib
 import importlib.util
+import itertools
 import json
 import os
 import signal
@@ -11,23 +11,20 @@ import subprocess
 import threading
 import time
 from concurrent.futures import Executor, Future
-from pathlib import Path
+from dataclasses import replace
 
 import pytest
 from helpers import SMALL, command, contents, environ, flags, refused
 
-from gbdqn_ref import UsageError, files, plots, study, tables
+from gbdqn_ref import UsageError, files, plots, runs, study, tables
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.config import Config
 
 DRIFTING = SMALL | dict(schedule=[{"episode": 6, "length": 2}])
-CONFIGS = [
-    Config.preset("cartpole", agent=agent, seed=seed, **DRIFTING)
-    for seed in (0, 1)
-    for agent in ("dqn", "random")
-]
+AGENTS = {agent: Config.preset("cartpole", agent=agent, **DRIFTING) for agent in ("dqn", "random")}
+CONFIGS = study.grid(AGENTS, [0, 1])
 NAMES = ["dqn-0", "random-0", "dqn-1", "random-1"]
-
+FIRST = {"dqn-0": CONFIGS["dqn-0"]}
 
 DISTRIBUTED = importlib.util.find_spec("distributed")
 
@@ -62,8 +59,28 @@ def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
     results = json.loads(sequential["results.json"])
     assert [f"{run['agent']}-{run['seed']}" for run in results["runs"]] == NAMES
     for name, run in zip(NAMES, results["runs"], strict=True):
-        assert run == json.loads(sequential[f"{name}/summary.json"])
+        agent, seed = name.split("-")
+        differs = {"agent": agent, "seed": int(seed), "replay": "proportional"}
+        recorded = json.loads(sequential[f"{name}/config.json"])
+        made_by = {key: recorded[key] for key in ("versions", "code")}
+        summary = json.loads(sequential[f"{name}/summary.json"])
+        assert run == {"name": name, "settings": differs} | made_by | summary
+        assert "numpy" in run["versions"]
     assert (results["agents"], results["seeds"]) == (["dqn", "random"], [0, 1])
+
+
+def test_the_description_has_every_setting_of_every_run(sequential, tmp_path):
+    """In one place each, with the agent's own filled in, and with those that --set has changed."""
+    other = replace(AGENTS["dqn"], replay="uniform", lr=0.5)
+    configs = CONFIGS | {"uniform": other}
+    study.run_study(configs, tmp_path, Here(), quiet=True)
+    description = json.loads((tmp_path / "study.json").read_text())
+    assert list(description["runs"]) == [*NAMES, "uniform"]
+    for name, config in configs.items():
+        shared, differs = description["settings"], description["runs"][name]
+        assert set(differs) == {"agent", "seed", "replay", "lr"}
+        assert not shared.keys() & differs.keys()
+        assert Config.from_dict(shared | differs) == config.resolved()
 
 
 def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
@@ -86,7 +103,7 @@ def test_the_command_shows_what_the_runs_have_stored(tmp_path, sequential, capsy
             (out / name).write_bytes(content)
     assert main(study_arguments(out)) == 0
     printed = capsys.readouterr().out
-    (summaries, records), config = study.report(out), CONFIGS[0]
+    (summaries, records), config = study.report(out), CONFIGS["dqn-0"]
     tables.show(tables.study(summaries, config))
     assert printed.startswith(capsys.readouterr().out)
     level = summaries["dqn"][0]["random_return"]
@@ -117,27 +134,6 @@ def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential)
     assert contents(out) == sequential
 
 
-def test_workers_die_with_their_study_and_so_leave_its_runs_to_the_next(tmp_path):
-    out = tmp_path / "out"
-    process = subprocess.Popen(
-        command(*study_arguments(out, "--set", "episodes=1000000")),
-        env=environ(),
-        start_new_session=True,
-    )
-    try:
-        while len(list(out.glob("*/episodes.csv"))) < 2:
-            time.sleep(0.01)
-        process.kill()
-        process.wait()
-        latest = time.monotonic() + 20
-        while not all(map(is_free, out.glob("*-*"))):
-            assert time.monotonic() < latest, "a worker goes on"
-            time.sleep(0.05)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-
-
 def is_free(folder):
     try:
         with files.locked(folder):
@@ -146,28 +142,9 @@ def is_free(folder):
         return False
 
 
-def kill_once(values, folder):
-    """The worker that comes first is killed in the middle of its run."""
-    mark = Path(folder).parent.parent / "killed"
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    train_one(values, folder)
-
-
-train_one = study.train_one
-
-
-def test_what_a_killed_worker_leaves_is_taken_up_once_more(tmp_path, sequential, monkeypatch):
-    monkeypatch.setattr(study, "train_one", kill_once)
-    assert study.run_study(CONFIGS, tmp_path / "out", jobs=2, quiet=True) == {}
-    assert (tmp_path / "killed").exists()
-    assert contents(tmp_path / "out") == sequential
-
-
 def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential, capsys):
     (tmp_path / "out").mkdir()
-    files.write_json(tmp_path / "out" / "study.json", json.loads(sequential["study.json"]))
+    (tmp_path / "out" / "study.json").write_bytes(sequential["study.json"])
     (tmp_path / "out" / "dqn-1").touch()
     assert main(study_arguments(tmp_path / "out")) == 1
     printed = capsys.readouterr()
@@ -179,24 +156,45 @@ def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential
     assert not (tmp_path / "out" / "results.json").exists()
 
 
-def test_the_report_sorts_the_runs_by_agent(tmp_path, sequential):
-    assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
+def test_the_report_sorts_the_runs_by_agent_and_seed(tmp_path):
+    """In whatever order they were listed, so that pairs are formed by seed."""
+    order = ["random-1", "dqn-1", "random-0", "dqn-0"]
+    configs = {name: CONFIGS[name] for name in order}
+    assert study.run_study(configs, tmp_path, Here(), quiet=True) == {}
     summaries, records = study.report(tmp_path)
     assert {agent: [row["seed"] for row in rows] for agent, rows in summaries.items()} == {
         "dqn": [0, 1],
         "random": [0, 1],
     }
     assert [len(run) for run in records["dqn"]] == [12, 12]
-    assert [run[0]["return"] for run in records["dqn"]] != [
-        run[0]["return"] for run in records["random"]
-    ]
+    for agent, seed in itertools.product(("dqn", "random"), (0, 1)):
+        assert summaries[agent][seed]["name"] == f"{agent}-{seed}"
+        episodes = runs.read_episodes(tmp_path / f"{agent}-{seed}")
+        assert repr(records[agent][seed]) == repr(episodes)  # there are NaNs in it
+
+
+def test_a_study_of_settings_is_reported_by_setting(tmp_path):
+    settings = {name: replace(AGENTS["random"], episodes=k) for name, k in (("a", 2), ("b", 3))}
+    assert study.run_study(study.grid(settings, [5, 4]), tmp_path, Here(), quiet=True) == {}
+    summaries, records = study.report(tmp_path)
+    assert [row["name"] for row in summaries["a"] + summaries["b"]] == ["a-4", "a-5", "b-4", "b-5"]
+    assert [len(run) for run in records["a"] + records["b"]] == [2, 2, 3, 3]
+
+
+def test_results_from_before_runs_had_names_are_reported(tmp_path, sequential):
+    assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
+    expected = study.report(tmp_path)
+    without(tmp_path / "results.json", "name", *(["runs", k] for k in range(4)))
+    summaries, records = study.report(tmp_path)
+    assert repr(records) == repr(expected[1]) and list(summaries) == ["dqn", "random"]
 
 
 def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, sequential):
-    study.run_study(CONFIGS[:1], tmp_path / "out", Here(), quiet=True)
-    others = [Config.preset("cartpole", agent="dqn", **DRIFTING | {"episodes": 13})]
-    with pytest.raises(UsageError, match="has other settings"):
-        study.run_study(others, tmp_path / "out", Here(), quiet=True)
+    study.run_study(FIRST, tmp_path / "out", Here(), quiet=True)
+    longer = replace(CONFIGS["dqn-0"], episodes=13)
+    for name in ("dqn-0", "dqn-1"):  # the run that is there, and one that is not
+        with pytest.raises(UsageError, match=r"has other settings \(episodes\)"):
+            study.run_study({name: longer}, tmp_path / "out", Here(), quiet=True)
     with pytest.raises(UsageError, match="holds no study"):
         study.run_study(CONFIGS, tmp_path, Here(), quiet=True)
     (tmp_path / "file").touch()
@@ -204,10 +202,105 @@ def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, s
         study.run_study(CONFIGS, tmp_path / "file", Here(), quiet=True)
 
 
+def without(path, key, *places):
+    """Take a setting out of a JSON file, as if the file were older than the setting."""
+    content = json.loads(path.read_text())
+    for place in places:
+        part = content
+        for step in place:
+            part = part[step]
+        del part[key]
+    path.write_text(json.dumps(content))
+
+
+def test_a_study_survives_a_new_setting(tmp_path):
+    """A file from before the setting existed means its default."""
+    assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
+    without(tmp_path / "study.json", "members", ["settings"])
+    without(tmp_path / "dqn-0" / "config.json", "members", ["config"])
+    assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
+    without(tmp_path / "study.json", "members", ["settings"])
+    changed = {name: replace(config, members=4) for name, config in CONFIGS.items()}
+    with pytest.raises(UsageError, match=r"has other settings \(members\)"):
+        study.run_study(changed, tmp_path, Here(), quiet=True)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"settings": 5}', '{"settings": null}'])
+def test_a_damaged_description_is_refused(tmp_path, content):
+    (tmp_path / "study.json").write_text(content)
+    with pytest.raises(UsageError, match=r"study\.json is damaged"):
+        study.run_study(CONFIGS, tmp_path, Here(), quiet=True)
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "..", "-a", "a ", "a.", "é", "×", "a" * 201, "x.json"])
+def test_a_name_that_is_no_folder_on_every_system_is_refused(tmp_path, name):
+    with pytest.raises(UsageError, match="a run needs a name of letters, digits"):
+        study.run_study({name: AGENTS["random"]}, tmp_path / "out", Here(), quiet=True)
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_that_some_systems_take_for_one_are_refused(tmp_path):
+    configs = {"lr": AGENTS["dqn"], "LR": AGENTS["random"]}
+    with pytest.raises(UsageError, match="upper and lower case"):
+        study.run_study(configs, tmp_path, Here(), quiet=True)
+
+
+def test_a_study_without_runs_is_refused(tmp_path):
+    for make in (lambda: study.run_study({}, tmp_path), lambda: study.grid(AGENTS, [])):
+        with pytest.raises(UsageError, match="from 1 to 10,000 runs, not 0"):
+            make()
+
+
+def test_a_seed_that_stands_twice_is_refused():
+    with pytest.raises(UsageError, match="twice"):
+        study.grid(AGENTS, [3, 4, 3])
+
+
+def test_runs_of_two_versions_are_mixed_only_where_that_is_accepted(tmp_path, sequential, capsys):
+    """Even if those of the other version are complete; a study that is complete is only read."""
+    out = tmp_path / "out"
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    recorded = json.loads((out / "dqn-0" / "config.json").read_text())
+    numpy = recorded["versions"]["numpy"]
+    recorded["versions"]["numpy"] = "1.0"
+    files.write_json(out / "dqn-0" / "config.json", recorded)
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    refused(
+        capsys,
+        tmp_path,
+        study_arguments(out),
+        f"dqn-0 was made with other versions (numpy 1.0 → {numpy})",
+    )
+    assert main(study_arguments(out, "--accept-versions")) == 0
+    rows = json.loads((out / "results.json").read_text())["runs"]
+    assert [row["versions"]["numpy"] for row in rows] == ["1.0", numpy, numpy, numpy]
+
+
+def test_a_worker_goes_on_with_a_run_of_another_version_where_that_is_accepted(tmp_path):
+    out = tmp_path / "out"
+    assert study.run_study(FIRST, out, Here(), quiet=True) == {}
+    expected = (out / "dqn-0" / "summary.json").read_bytes()
+    recorded = json.loads((out / "dqn-0" / "config.json").read_text())
+    recorded["code"]["nn"] = "another"
+    files.write_json(out / "dqn-0" / "config.json", recorded)
+    (out / "dqn-0" / "summary.json").unlink()
+    with pytest.raises(UsageError, match="nn another → "):
+        study.run_study(FIRST, out, quiet=True)
+    assert study.run_study(FIRST, out, quiet=True, accept=True) == {}
+    assert (out / "dqn-0" / "summary.json").read_bytes() == expected
+
+
 def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
-    assert study.run_study(CONFIGS[:1], tmp_path, Here(), quiet=True) == {}
+    assert study.run_study(FIRST, tmp_path, Here(), quiet=True) == {}
     assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
     assert contents(tmp_path) == sequential
+
+
+def test_a_study_grows_by_an_agent_with_settings_of_its_own(tmp_path):
+    """The α of GB-DQN-reuse is not that of DQN, but each agent's own."""
+    assert study.run_study(FIRST, tmp_path, Here(), quiet=True) == {}
+    reuse = {"gbdqn-reuse-0": replace(CONFIGS["dqn-0"], agent="gbdqn-reuse")}
+    assert study.run_study(reuse, tmp_path, Here(), quiet=True) == {}
 
 
 def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
@@ -225,10 +318,16 @@ def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
         (["--agents", "dqn,dqn"], "twice"),
         (["--agents", "dqn,sarsa"], "one of gbdqn, dqn"),
         (["--seeds", "3,3"], "twice"),
+        (["--seeds", "3,03"], "twice"),
         (["--seeds", "0"], "--seeds"),
+        (["--seeds", "00"], "--seeds"),
+        (["--seeds", "3,"], "--seeds"),
+        (["--seeds", "999999999"], "a study has from 1 to 10,000 runs"),
+        (["--seeds", "1,4294967296"], "seed must be a whole number"),
         (["--seeds", "-1"], "--seeds"),
         (["--seeds", "a"], "--seeds"),
-        (["--jobs", "0"], "--jobs"),
+        (["--jobs", "0"], "jobs must be a whole number from 1 to 1,000"),
+        (["--jobs", "1001"], "jobs must be a whole number from 1 to 1,000"),
         (["--seed", "1"], "--seeds"),
         (["--dask", "nowhere"], "tcp://host:8786" if DISTRIBUTED else "cluster"),
     ],
@@ -236,6 +335,42 @@ def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
 def test_a_wrong_command_is_refused(tmp_path, capsys, arguments, keyword):
     start = ["study", "--env", "cartpole", "--out", str(tmp_path / "out")]
     refused(capsys, tmp_path, [*start, *arguments], keyword)
+
+
+def test_a_single_seed_has_no_spread(tmp_path, capsys):
+    arguments = ["study", "--agents", "dqn,random", "--seeds", "1", "--quiet", *flags(**DRIFTING)]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("±     –") == 2 and "±   0" not in printed
+
+
+def compare_arguments(out, *more):
+    start = ["compare", "--agents", "dqn,random", "--quiet", *flags(**DRIFTING)]
+    return [*start, "--out", str(out), *more]
+
+
+def test_a_comparison_is_a_study_of_one_seed(tmp_path, sequential, capsys):
+    """Each agent's folder has the bytes that it has in a study; a repetition writes no run."""
+    ages = []
+    for jobs in ("1", "2"):
+        assert main(compare_arguments(tmp_path / "out", "--jobs", jobs)) == 0
+        written = contents(tmp_path / "out")
+        for name, content in sequential.items():
+            folder, _, file = name.partition("/")
+            if file and folder.endswith("-0"):
+                assert written.pop(f"{folder.removesuffix('-0')}/{file}") == content
+        assert set(written) == {"comparison.png", "dqn", "random", "results.json", "study.json"}
+        assert "seed 0: mean return, drop and recovery per regime" in capsys.readouterr().out
+        ages = ages or [path.stat().st_mtime_ns for path in sorted((tmp_path / "out").glob("*/*"))]
+    assert ages == [path.stat().st_mtime_ns for path in sorted((tmp_path / "out").glob("*/*"))]
+
+
+def test_a_comparison_that_is_older_than_its_description_is_continued(tmp_path):
+    runs.train(AGENTS["dqn"], tmp_path / "out" / "dqn", quiet=True)
+    summary = tmp_path / "out" / "dqn" / "summary.json"
+    age = summary.stat().st_mtime_ns
+    assert main(compare_arguments(tmp_path / "out")) == 0
+    assert summary.stat().st_mtime_ns == age
 
 
 def kill_when(ready, pid):

@@ -69,10 +69,10 @@ def test_the_zero_of_the_scale_is_the_random_policy_in_the_stock_physics():
 class Stub:
     """Acts at random and learns nothing; its TD errors are −1 and 3, then 2 and −6."""
 
-    config = SimpleNamespace(lr=0.001)
     epsilon = 0.25
 
-    def __init__(self):
+    def __init__(self, config):
+        self.config, self.learning_starts = config, config.learning_starts
         self.steps, self.events, self.rng = 0, [], np.random.default_rng(0)
         self.deltas = [np.array([2.0, -6.0]), np.array([-1.0, 3.0])]
 
@@ -97,8 +97,8 @@ class Stub:
 
 def test_a_record_has_the_mean_size_of_the_td_errors():
     """(1 + 3 + 2 + 6 + n · 3) / (4 + n) is 3, however many updates there are."""
-    stub = Stub()
     config = Config(episodes=1, learning_starts=1, update_every=2)
+    stub = Stub(config)
     (record,) = train.run(config, stub)
     assert record["td_error"] == 3 and not stub.deltas
     assert stub.events == [(record["steps"], record["return"], 3)]
@@ -106,5 +106,6 @@ def test_a_record_has_the_mean_size_of_the_td_errors():
 
 
 def test_a_record_without_an_update_has_no_td_error():
-    (record,) = train.run(Config(episodes=1, learning_starts=1000), Stub())
+    config = Config(episodes=1, learning_starts=1000)
+    (record,) = train.run(config, Stub(config))
     assert np.isnan(record["td_error"])

@@ -154,6 +154,12 @@ def test_a_single_seed_has_no_spread_and_no_interval():
     ]
 
 
+@pytest.mark.parametrize(("seeds", "count"), [([4], "seed 4"), ([4, 0], "2 seeds")])
+def test_the_title_says_how_many_seeds_there_are(seeds, count):
+    shown = tables.study({"dqn": finals(*seeds, seeds=seeds)}, CONFIG)
+    assert shown.title == f"MountainCar, {count}: mean return per regime, and final return"
+
+
 @pytest.mark.parametrize("agents", [["gbdqn", "reset"], ["dqn"]])
 def test_nothing_is_said_of_differences_where_there_are_none(agents):
     shown = tables.study({agent: finals(1, 2) for agent in agents}, CONFIG)

@@ -65,16 +65,19 @@ class Protocol:
             values["drift_signal"] = random_alarms(config)
         return Config.from_dict(config.to_dict() | values)
 
-    def check_rows(self, rows, code):
-        """UsageError unless each row is a reported run of the protocol, once, made by this code."""
-        seen = set()
+    def check_rows(self, rows):
+        """UsageError unless each row is a reported run of the protocol, once, and all runs of an
+        arm were made by the same code.
+        """
+        seen, codes = set(), {}
         for row in rows:
             run = row["task"], row["arm"], row["seed"]
             self.check(*run)
             if run in seen:
                 raise UsageError(f"the run {run} is counted twice")
-            if row["code"] != code:
-                raise UsageError(f"the run {run} was made by code {row['code']}, not {code}")
+            first = codes.setdefault(row["arm"], row["code"])
+            if row["code"] != first:
+                raise UsageError(f"the run {run} was made by code {row['code']}, not {first}")
             seen.add(run)
 
     def p_values(self, results, n, rng):
