@@ -8,13 +8,12 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-sys.path.insert(0, str(ROOT / "paper_checks"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "paper_checks"))
 import ledger
 import plant
 
 TESTS = plant.checks()
-SAMPLE = list(plant.FAULTS)[::12]
+SAMPLE = list(plant.FAULTS)[::20]  # a few seconds
 ALPHA = {"ids": ["T1-j"], "file": "gbdqn_ref/boosting.py", "old": "alpha = float(A / B)"}
 
 
@@ -31,7 +30,7 @@ def test_every_claim_that_has_a_check_has_a_fault():
 @pytest.mark.parametrize("name", plant.FAULTS)
 def test_a_fault_changes_one_place(name):
     fault = plant.FAULTS[name]
-    text = (ROOT / fault["file"]).read_text(encoding="utf-8")
+    text = (plant.ROOT / fault["file"]).read_text(encoding="utf-8")
     assert text.count(fault["old"]) == 1 and fault["new"] != fault["old"]
 
 
@@ -48,14 +47,22 @@ def test_a_sample_of_the_faults_is_seen():
         (ALPHA | {"new": "alpha = -float(A / B)"}, True),
         (ALPHA | {"new": "alpha = 1.0 * float(A / B)"}, False),  # no fault
         (ALPHA | {"new": "alpha = float(A // 0)"}, False),  # no assertion
+        (  # a helper of the check asserts that Q was right before the drift
+            {
+                "ids": ["T2-d"],
+                "file": "gbdqn_ref/tabular.py",
+                "old": "self.gamma * (self.P @ Q.max(-1))",
+                "new": "(self.P @ Q.max(-1))",
+            },
+            False,
+        ),
         (  # a figure alone: GB-DQN's lead on Acrobot is .43
             {"ids": ["X2"], "file": "paper_checks/paper.py", "old": "(-140.16", "new": "(-149.16"},
             False,
         ),
     ],
-    ids=["sign", "nothing", "exception", "figure"],
+    ids=["sign", "nothing", "exception", "helper", "figure"],
 )
 def test_only_a_failed_assertion_of_the_conclusion_counts(fault, is_seen):
     tests = {id: TESTS[id] for id in fault["ids"]}
-    assert bool(plant.seen_by({"fault": fault}, tests)["fault"]) == is_seen
-    assert (not list(plant.unseen({"fault": fault}, tests))) == is_seen
+    assert (not list(plant.unseen({"slip": fault}, tests))) == is_seen
