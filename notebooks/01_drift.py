@@ -286,7 +286,7 @@ plt.show()
 # | name | what it is |
 # |---|---|
 # | drop | 1 − mean level of the first 20 episodes after the drift |
-# | recovery | episodes until a mean of 10 levels is back at 0.9; none: "censored" |
+# | recovery | episodes until a mean of 10 levels is back at 0.9; none: censored |
 # | area | mean level of the whole regime |
 
 # %%

@@ -148,7 +148,7 @@ residual
 # %% [markdown]
 # Where the physics have not changed the residual is near zero, and a new booster has nothing to do there. Where they
 # have, it is what the drift left behind. That is the whole idea. Let us watch it on a function of one variable, where
-# "the physics" are a curve, with the package's own network and optimiser.
+# the *physics* are a curve, with the package's own network and optimiser.
 
 # %%
 from gbdqn_ref.optim import Adam

@@ -80,7 +80,7 @@ round(float(Q), 6)
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $\delta_i$ | `delta` | (B,) | TD error, when the transition was last looked at |
-# | $\varepsilon$ | `priority_offset` | scalar | so that an error of 0 does not mean "never again" |
+# | $\varepsilon$ | `priority_offset` | scalar | so that an error of 0 does not mean never again |
 # | $\gamma$ | `priority_exponent` | scalar | *not* the discount, which is also called γ |
 # | $p^{TD}_i$ | `td_priority(…)` | (B,) | priority by error, always positive (claim R6) |
 
@@ -420,7 +420,7 @@ assert recency_share["β = 0.5"][-1] < 0.003 < 0.2 < recency_share["β = 0.5, bu
 # balance: in a full buffer the mixture *is* prioritized replay, for any β that is not tiny (claim R12). Where α falls as
 # 1/N recency keeps its share; our presets choose α with the size of the buffer in mind (D13).
 #
-# **Exercise 3.** "A larger α emphasises recent transitions more." Compute the probability of the newest ten of the thousand
+# **Exercise 3.** A larger α is said to favour recent transitions (R9). Compute the probability of the newest ten of the thousand
 # for α = 0.001, 0.1 and 10 at β = ½ (`over_age`). What happened (claim R9)?
 
 # %% tags=["solution"] jupyter={"source_hidden": true}

@@ -371,7 +371,7 @@ print("\n".join(report))
 # | lines 7, 9, 16: $Q_{m-1}$; the experiments: adaptation within a regime | `target="frozen"` or `"live"` | D6 |
 # | line 19: loss on $h$; Eq. 5: loss on $\alpha h$ | `loss_on="h"` or `"alpha_h"` | M13 |
 # | Eq. 8: closed form; the experiments: $\eta$ = 0.1 | `alpha="closed-form"` or a number | D15, D7 |
-# | line 7: softmax; the experiments: ε-greedy | `behaviour="softmax"` or `"epsilon-greedy"` | D10 |
+# | line 7: softmax; the experiments: ε-greedy | `behaviour`: softmax or epsilon-greedy | D10 |
 # | each booster has its own target network | none: frozen ones are their own targets | D3 |
 # | line 26 after the `break` | none: at each update | D9 |
 # | the empty ensemble at first | none: a plain DQN at first | D8 |
