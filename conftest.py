@@ -1,13 +1,11 @@
-"""Hypothesis' profiles: HYPOTHESIS_PROFILE=ci is the same on every machine, =deep is for a
-night.
-"""
+"""Hypothesis profiles: HYPOTHESIS_PROFILE=ci is reproducible, =deep takes a night."""
 
 import os
 
 import pytest
 from hypothesis import settings
 
-pytest.register_assert_rewrite("helpers")  # a failure there shows its values, as in a test
+pytest.register_assert_rewrite("helpers")  # its assertions show their values, as in a test
 
 settings.register_profile("dev", max_examples=50, deadline=None, print_blob=True)
 settings.register_profile("ci", max_examples=100, deadline=None, print_blob=True, derandomize=True)

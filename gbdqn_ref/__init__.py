@@ -6,7 +6,7 @@ presets, config, stats, train, files, provenance, checkpoint, plots, runs, study
 tables, __main__.
 """
 
-# Freed at once: from then on glibc keeps freed memory for reuse instead of unmapping it each time.
+# Once such a block has been freed, glibc reuses freed memory instead of returning it each time.
 bytes(1 << 24)
 
 __version__ = "0.1.0"
@@ -21,7 +21,7 @@ class DivergenceError(ArithmeticError):
 
 
 class StudyError(RuntimeError):
-    """Some runs of a study failed, and all others are complete; `errors` is {name: error}."""
+    """Some runs of a study failed and the others are complete; `errors` is {name: error}."""
 
     def __init__(self, errors: dict[str, str]) -> None:
         self.errors = errors

@@ -2,7 +2,7 @@
 
     python -m gbdqn_ref train | compare | study | drift-effect | watch | maps | settings
 
-A command imports what it needs, so that --help is fast and Ctrl-C is heard from the start.
+A command imports what it needs, so --help is fast and Ctrl-C works from the start.
 """
 
 import argparse
@@ -26,23 +26,23 @@ STOP = "stopped. To continue: train --resume, or the same command again"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; its exit status. All but 0 come with lines on stderr that say why.
+    """Run a command and return its exit status; unless it is 0, lines on stderr say why.
 
-    0; 1 if runs of a study failed; 2 if the input cannot be used; 3 if training diverged; 130 if a
-    signal stopped it. Without arguments those of the process are taken, and its signals too.
+    1: runs of a study failed. 2: the input cannot be used. 3: training diverged. 130: a signal
+    stopped it. Without arguments the process's own are used, and its signals are handled.
     """
     if arguments is None:
         _own_process()
     try:
         status, lines = _answer(arguments)
         if arguments is None:
-            _hear_signals(signal.SIG_IGN)
+            _handle_signals(signal.SIG_IGN)
         with suppress(OSError):
-            for line in lines:  # each in one line, whatever is in a path
+            for line in lines:  # each on one line, even if a path has line breaks
                 print("gbdqn_ref:", *line.split(), file=sys.stderr, flush=True)
     finally:  # also after --help, which raises SystemExit
         for stream in (sys.stdout, sys.stderr):
-            _let_go(stream)
+            _flush(stream)
     return status
 
 
@@ -52,14 +52,14 @@ def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
         args = _parser().parse_args(arguments)
         args.command(args)
         print(end="", flush=True)
-    except BrokenPipeError:  # nobody reads on, but the work is finished
+    except BrokenPipeError:  # the reader is gone, but the work is finished
         return 0, []
     except StudyError as e:
         return 1, [f"{name} failed: {error}" for name, error in e.errors.items()]
     except (UsageError, OSError) as e:
         return 2, [str(e)]
     except MemoryError as e:
-        return 2, [f"not enough memory ({e}); a smaller --set capacity needs less"]
+        return 2, [f"not enough memory ({e}); choose a smaller capacity with --set"]
     except DivergenceError as e:
         return 3, [str(e)]
     except KeyboardInterrupt:
@@ -68,21 +68,21 @@ def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
 
 
 def _own_process() -> None:
-    """SIGTERM is heard like Ctrl-C, and every text can be printed, perhaps with ? in it."""
-    _hear_signals(signal.default_int_handler)
+    """Make SIGTERM act like Ctrl-C, and make every text printable, perhaps with ? in it."""
+    _handle_signals(signal.default_int_handler)
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # it was closed; the next file that is opened would be it
+        if getattr(sys, name) is None:  # closed: the next file to be opened would take its place
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", closefd=False))
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
 
 
-def _hear_signals(handler: Any) -> None:
+def _handle_signals(handler: Any) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, handler)
 
 
-def _let_go(stream: IO[str]) -> None:
-    """Flush a stream that perhaps nobody reads, or Python would complain of it at its end."""
+def _flush(stream: IO[str]) -> None:
+    """Flush a stream that may have lost its reader; Python would complain of it at exit."""
     try:
         stream.flush()
     except OSError:
@@ -109,16 +109,16 @@ def _parser() -> ArgumentParser:
     run = _Parser(add_help=False, parents=[settings])
     run.add_argument("--seed", type=int, help="default 0")
     run.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting, repeatable"
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting; repeatable"
     )
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.add_argument(
         "--accept-versions",
         action="store_true",
-        help="continue runs that were made with other libraries or other code; this is recorded",
+        help="continue runs that other libraries or other code made; this is recorded",
     )
     many = _Parser(add_help=False, parents=[run])
-    many.add_argument("--jobs", type=int, default=2, help="how many processes; default 2")
+    many.add_argument("--jobs", type=int, default=2, help="number of processes; default 2")
     _add_training(commands, run, many)
     _add_pictures(commands)
     lists = commands.add_parser("settings", parents=[settings], help="list all settings")
@@ -156,7 +156,7 @@ def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> N
     effect = commands.add_parser(
         "drift-effect", parents=[many], help="measure what each drift costs a fixed policy"
     )
-    effect.add_argument("--agent", default="dqn", help="who learns; default dqn")
+    effect.add_argument("--agent", default="dqn", help="the agent that learns; default dqn")
     effect.add_argument(
         "--out", type=_text, help="folder; default runs/effect-ENV; its runs are kept"
     )
@@ -175,12 +175,12 @@ def _add_pictures(commands: Any) -> None:
     )
     watch.add_argument("--seed", type=int, default=0, help="seed of the start; default 0")
     watch.set_defaults(command=_watch)
-    maps = commands.add_parser("maps", help="draw what a booster changed on MountainCar's plane")
+    maps = commands.add_parser("maps", help="draw what a booster changed on MountainCar")
     maps.add_argument(
         "run", type=_text, metavar="RUN", help="the folder of a run of GB-DQN on MountainCar"
     )
     maps.add_argument("--out", type=_text, default="maps.png", help="the file; default maps.png")
-    maps.add_argument("--booster", type=int, metavar="M", help="from 2 on; default the last")
+    maps.add_argument("--booster", type=int, metavar="M", help="2 or later; default the last")
     maps.set_defaults(command=_maps)
 
 
@@ -199,7 +199,7 @@ def _config(args: Namespace, agent: str | None) -> Config:
 
 
 def _setting(text: str) -> tuple[str, Any]:
-    """("lr", 0.001) from "lr=0.001" or "lr=.001"; what is neither JSON nor a number is a word."""
+    """("lr", 0.001) from "lr=0.001" or "lr=.001"; a value that is neither stays text."""
     key, equals, value = text.partition("=")
     if not equals:
         raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {short(text)}")
@@ -216,20 +216,20 @@ def _agents(text: str) -> list[str]:
     """The agents in a list like "gbdqn,dqn"."""
     agents = list(AGENTS) if text == "all" else text.split(",")
     if len(set(agents)) < len(agents):
-        raise UsageError(f"--agents names one twice: {text}")
+        raise UsageError(f"--agents names an agent twice: {text}")
     return agents
 
 
 def _seeds(text: str) -> Sequence[int]:
-    """The seeds that a count or a list like "3,7" stands for."""
+    """The seeds given by a count or by a list like "3,7"."""
     parts = text.split(",")
     if not all(part.isdecimal() and len(part) <= 10 for part in parts) or not any(map(int, parts)):
-        raise UsageError(f"--seeds is a count from 1 on or a list like 3,7, not {short(text)}")
+        raise UsageError(f"--seeds must be a positive count or a list like 3,7, not {short(text)}")
     return [int(part) for part in parts] if len(parts) > 1 else range(int(text))
 
 
 def _options(args: Namespace) -> dict[str, Any]:
-    """How a study is to be run."""
+    """The options of study.run_study()."""
     return {"jobs": args.jobs, "quiet": args.quiet, "accept": args.accept_versions}
 
 
@@ -257,16 +257,14 @@ def _compare(args: Namespace) -> None:
     out = Path(args.out or f"runs/{config.env}")
     study.complete(configs, out, **_options(args))
     tables.show(tables.regimes(study.comparison(out, configs), config))
-    print(
-        f"\nthe picture: {out / 'comparison.png'}; the runs: {out}/AGENT/ (delete {out} to repeat)"
-    )
+    print(f"\npicture: {out / 'comparison.png'}; runs: {out}/AGENT/ (delete {out} to repeat them)")
 
 
 def _study(args: Namespace) -> None:
     from . import study, tables
 
     if args.seed is not None:
-        raise UsageError("a study has --seeds, not --seed")
+        raise UsageError("study takes --seeds, not --seed")
     agents = {agent: _config(args, agent) for agent in _agents(args.agents)}
     config = next(iter(agents.values()))
     out = Path(args.out or f"runs/study-{config.env}")
@@ -276,7 +274,7 @@ def _study(args: Namespace) -> None:
     summaries, records = study.report(out)
     study.draw(out, config, summaries, records)
     tables.show(tables.study(summaries, config))
-    print(f"\nall of it: {out}/results.json, {out}/*.png and {out}/AGENT-SEED/")
+    print(f"\nresults: {out}/results.json; pictures: {out}/*.png; runs: {out}/AGENT-SEED/")
 
 
 def _drift_effect(args: Namespace) -> None:
@@ -292,12 +290,12 @@ def _watch(args: Namespace) -> None:
     from . import files, watch
 
     if args.seed < 0:
-        raise UsageError(f"--seed must be a whole number from 0 on, not {args.seed}")
+        raise UsageError(f"--seed must be a non-negative whole number, not {args.seed}")
     files.check_picture(args.out, ".gif")
     episodes = watch.film(args.run, args.drift, args.seed)
     watch.save(episodes, args.out)
     before, after = (episode.returns[-1] for episode in episodes)
-    print(f"before the drift {before:.1f}, after it {after:.1f}; the film: {args.out}")
+    print(f"return before the drift {before:.1f}, after it {after:.1f}; film: {args.out}")
 
 
 def _maps(args: Namespace) -> None:
@@ -305,7 +303,7 @@ def _maps(args: Namespace) -> None:
 
     files.check_picture(args.out, ".png")
     plots.save(watch.maps(args.run, args.booster), args.out)
-    print(f"the picture: {args.out}")
+    print(f"picture: {args.out}")
 
 
 def _settings(args: Namespace) -> None:

@@ -14,10 +14,10 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK = OKABE_ITO
 
 
 class Agent(NamedTuple):
-    """How an agent is made and shown, and what it makes of the settings.
+    """How an agent is built and drawn, and its values of the settings.
 
-    `make(state_dim, n_actions, config, rng)` is its class. `own` are its values of settings that
-    are None. `reads` are the settings that it alone reads, beside those of every DQN.
+    `make(state_dim, n_actions, config, rng)` builds it. `own` replaces settings that are None.
+    `reads` names the settings that it reads beyond those of every DQN.
     """
 
     make: Callable
@@ -29,7 +29,7 @@ class Agent(NamedTuple):
     reads: tuple[str, ...] = ()
 
 
-OWN: dict[str, Any] = dict(  # where an agent has no value of its own
+OWN: dict[str, Any] = dict(  # the values of an agent whose row has none
     replay="proportional",
     alpha=0.1,
     zero_output=True,
@@ -39,7 +39,7 @@ OWN: dict[str, Any] = dict(  # where an agent has no value of its own
     drift_signal="schedule",
 )
 RECENCY: dict[str, Any] = dict(replay="recency")
-# What an agent should keep at a drift, and how it finds one, is a question of ours (D22).
+# What to keep at a drift, and how to detect one, is our question, not the paper's (D22).
 REUSE: dict[str, Any] = dict(alpha=1.0, keep_data=0.0, keep_adam=False, drift_signal="return")
 TWIN: dict[str, Any] = REUSE | dict(warm_start=True, zero_output=False)
 BOOSTING = ("target", "alpha", "loss_on", "zero_output", "warm_start")

@@ -1,8 +1,7 @@
-"""What GB-DQN is compared with beside DQN: the paper's other baselines, and the controls that a
-comparison needs.
+"""The paper's baselines other than DQN, and the controls that a comparison needs.
 
-Two more controls are a class that is there already with the other one's replay
-(config.Config.replay): dqn-recency is DQN, gbdqn-per GB-DQN.
+Two more controls reuse a class and swap its replay: dqn-recency is DQN with GB-DQN's, gbdqn-per is
+GB-DQN with DQN's.
 """
 
 import copy
@@ -16,22 +15,21 @@ from .optim import Adam, clip_by_norm, polyak
 
 
 class EnsembleDQN(DQN):
-    """Ensemble-DQN (Anschel et al. 2017): K networks, each fitted to one y = r + γ max_a' mean_k
-    Q̄_k(s', a') (D18).
+    """Ensemble-DQN (Anschel et al. 2017): K networks are fitted to one target (D18).
 
-    The members are one stack θ (K, P). They differ in where they start and, with bootstrap < 1, in
-    what they see: each transition is shown to a member with that probability, once and for all.
+        y = r + γ max_a' mean_k Q̄_k(s', a')
+
+    The members are one stack θ (K, P). They start from different weights. With bootstrap < 1 they
+    also see different data: a member sees a transition with that probability, drawn once.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
         super().__init__(state_dim, n_actions, config, rng)
         others = self.net.init(rng, config.members - 1)
-        self.theta = np.concatenate([self.theta[None], others])  # (K, P), the first one as DQN's
+        self.theta = np.concatenate([self.theta[None], others])  # (K, P), the first is DQN's
         self.theta_target = self.theta.copy()
         self.adam = Adam(self.theta.shape, config.lr)
-        self.seen = np.ones(
-            (config.capacity, config.members), bool
-        )  # slot by slot, who looks at the transition
+        self.seen = np.ones((config.capacity, config.members), bool)  # slot by slot, by whom
 
     def q(self, s):
         """Q(s, ·) = mean_k Q_k(s, ·): (…, d) → (…, A)."""
@@ -52,12 +50,10 @@ class EnsembleDQN(DQN):
         y = bellman.td_target(batch.r, batch.terminated, q_next.mean(0), c.gamma)  # (B,)
         q_all, cache = self.net.forward(self.theta, batch.s)  # (K, B, A)
         q = q_all[:, np.arange(len(y)), batch.a]  # (K, B)
-        weight = batch.weight * self.seen[batch.index].T  # (K, B), 0 where a member does not look
+        weight = batch.weight * self.seen[batch.index].T  # (K, B), 0 where not seen
         dq = bellman.loss_gradient(y - q, weight, batch.a, self.n_actions)  # (K, B, A)
-        grad = clip_by_norm(
-            self.net.backward(self.theta, cache, dq), c.max_grad_norm
-        )  # of each member by itself
-        self.adam.step(self.theta, grad)
+        grad = self.net.backward(self.theta, cache, dq)  # (K, P)
+        self.adam.step(self.theta, clip_by_norm(grad, c.max_grad_norm))  # clips each by itself
         polyak(self.theta_target, self.theta, c.tau)  # D9
         delta = y - q.mean(0)
         self.replay.update_priorities(batch.index, delta)
@@ -65,41 +61,38 @@ class EnsembleDQN(DQN):
 
 
 class ResetDQN(DQN):
-    """Reset-DQN (Nikishin et al. 2022): DQN that starts anew whenever the physics change, and keeps
-    its replay.
-    """
+    """Reset-DQN (Nikishin et al. 2022): a new network at each drift, but the old replay."""
 
     def on_drift(self, event, fresh=0):
-        """A fresh network and target at a drift, and at the return to the stock physics (D20)."""
+        """Replace the network and its target at a drift, and at a reset to stock physics (D20)."""
         super().on_drift(event, fresh)
         self.theta = self.net.init(self.rng)
         self.theta_target = self.theta.copy()
 
 
 def sliding_dqn(state_dim, n_actions, config, rng):
-    """Sliding-window DQN: a DQN whose replay holds no more than the last `window` transitions."""
+    """Sliding-window DQN: DQN whose replay holds only the last `window` transitions."""
     return DQN(state_dim, n_actions, replace(config, capacity=config.window), rng)
 
 
 class FrozenDQN(DQN):
-    """A control: DQN that learns nothing after the first drift, so that it neither adapts nor
-    forgets.
+    """A control: DQN that stops learning at the first drift, so it neither adapts nor forgets.
 
-    It goes on as it is: it acts ε-greedily, remembers, and measures its TD errors.
+    It still explores, stores transitions and measures its TD errors.
     """
 
     def on_drift(self, event, fresh=0):
-        """From the first drift on the step size is 0."""
-        frozen = event == "drift" or self.adam.lr == 0
+        """Set the step size to 0 at the first drift."""
+        stopped = event == "drift" or self.adam.lr == 0
         super().on_drift(event, fresh)
-        if frozen:
+        if stopped:
             self.adam.lr = 0.0
 
 
 class Random:
-    """A control: every action equally likely, whatever the state; the level of no learning.
+    """A control: uniformly random actions, for the return without any learning.
 
-    Evaluation has a generator of its own, so that it leaves the training as it was.
+    Evaluation draws from a second generator, so it does not change the training.
     """
 
     epsilon, replay = 1.0, None
@@ -117,7 +110,7 @@ class Random:
         self.steps += 1
 
     def learn(self):
-        """No TD error: a random policy has no Q."""
+        """A random policy has no Q, hence no TD error."""
         return np.empty(0)
 
     def on_drift(self, event, fresh=0):

@@ -1,7 +1,7 @@
-"""One-step Q-learning in plain functions: target, loss, gradient, and the choice of an action.
+"""One-step Q-learning in plain functions: target, loss, gradient, action selection.
 
-Everything per sample has shape (B,). A (B, 1) among them would broadcast to (B, B) and silently
-cancel the weights.
+Everything per sample has shape (B,). A (B, 1) would broadcast to (B, B), and the mean would then
+silently cancel the weights.
 """
 
 import numpy as np
@@ -10,18 +10,15 @@ import numpy as np
 def td_target(r, terminated, q_next, gamma):
     """y = r + γ (1 − terminated) max_a' Q̄(s', a')  (Eq. 4), shapes (B,), (B,), (B, A) → (B,).
 
-    The paper omits (1 − terminated), and so counts the value of a state that is never left (D1).
+    The paper omits (1 − terminated), so it adds the value of a state after the end (D1).
     A time limit is not a termination: a truncated transition still bootstraps.
 
     >>> r, terminated = np.array([-1.0, -1.0]), np.array([True, False])
     >>> td_target(r, terminated, np.array([[-50.0, -60.0], [-50.0, -60.0]]), 0.99)
     array([ -1. , -50.5])
     """
-    assert r.shape == terminated.shape == q_next.shape[:-1], (
-        r.shape,
-        terminated.shape,
-        q_next.shape,
-    )
+    shapes = r.shape, terminated.shape, q_next.shape
+    assert r.shape == terminated.shape == q_next.shape[:-1], shapes
     return np.where(terminated, r, r + gamma * q_next.max(-1))
 
 
@@ -40,11 +37,8 @@ def loss_gradient(error, weight, a, n_actions):
     >>> loss_gradient(np.array([2.0, -1.0]), np.array([0.5, 1.0]), np.array([1, 0]), 2).tolist()
     [[0.0, -0.5], [0.5, 0.0]]
     """
-    assert error.shape == weight.shape and error.shape[-1:] == a.shape, (
-        error.shape,
-        weight.shape,
-        a.shape,
-    )
+    shapes = error.shape, weight.shape, a.shape
+    assert error.shape == weight.shape and error.shape[-1:] == a.shape, shapes
     dq = np.zeros((*error.shape, n_actions), error.dtype)
     dq[..., np.arange(len(a)), a] = -weight * error / len(a)
     return dq
@@ -72,7 +66,7 @@ def epsilon_schedule(step, start, end, decay_steps):
 
 
 def epsilon_greedy(q, epsilon, rng):
-    """A uniformly random action with probability ε, else the first of the best: q (A,) → action."""
+    """A uniformly random action with probability ε, else the first best one: q (A,) → action."""
     if rng.random() < epsilon:
         return int(rng.integers(len(q)))
     return int(q.argmax())

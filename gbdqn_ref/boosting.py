@@ -14,8 +14,8 @@ def closed_form_alpha(residual, h, weights=None):
 
     All shapes are (n,). The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as
     the paper prints it; α minimises the training loss only with that loss's weights (D7). If h = 0
-    on the whole sample, every α is optimal and the formula reads 0/0: the answer is 0, which adds
-    nothing. An α that no float can hold becomes the largest float.
+    on the whole sample, the formula is 0/0 and every α is optimal; the result is 0, which adds
+    nothing. An α beyond the largest float becomes that float.
 
     >>> closed_form_alpha(np.array([2.0, -1.0]), np.array([1.0, 1.0]))
     0.5
@@ -35,8 +35,8 @@ def closed_form_alpha(residual, h, weights=None):
 class Ensemble:
     """Q_m(s, a) = Σ_{j≤m} α_j h_j(s, a) = Q_{m−1}(s, a) + α_m h_m(s, a)  (Eq. 1).
 
-    All m boosters are frozen; the empty ensemble is the zero function. A stage is what Q was when a
-    booster was frozen, a row of weights:
+    All m boosters are frozen; the empty ensemble is the zero function. Stage k is Q right after
+    booster k was frozen, stored as a row of weights:
 
         | α₁        |     Q_1 = α₁ h₁
         | α₁ α₂     |     Q_2 = α₁ h₁ + α₂ h₂
@@ -47,8 +47,8 @@ class Ensemble:
         self.net = net
         self.theta = np.empty((0, net.size), np.float32)  # (m, P)
         self.alpha = np.empty(0, np.float32)  # (m,)
-        self.weight = np.empty(0, np.float32)  # (m,) of each booster in the sum in use
-        self.rows = np.empty(0, np.float32)  # the stages' weights, laid end to end
+        self.weight = np.empty(0, np.float32)  # (m,) of each booster in the current sum
+        self.rows = np.empty(0, np.float32)  # the stages' weights, concatenated
 
     def __len__(self):
         return len(self.alpha)
@@ -56,18 +56,18 @@ class Ensemble:
     def add(self, theta, alpha, carried=0.0):
         """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze a copy of θ (P,) as the newest booster.
 
-        A learner that goes on from θ takes over `carried` of α_m; the sum in use has the rest.
-        FloatingPointError if α is beyond float32.
+        If the next learner starts from θ, it takes over `carried` of α_m, and the current sum keeps
+        the rest. FloatingPointError if float32 cannot hold α.
         """
         if not abs(alpha) <= LARGEST_32:
-            raise FloatingPointError(f"float32 cannot hold this step size of a booster: {alpha}")
+            raise FloatingPointError(f"float32 cannot hold a booster's step size of {alpha}")
         self.theta = np.concatenate([self.theta, theta[None]])
         self.alpha = np.append(self.alpha, np.float32(alpha))
         self.rows = np.concatenate([self.rows, self.weight, self.alpha[-1:]])
         self.use(len(self) - 1, carried)
 
     def use(self, k, carried=0.0):
-        """Answer with stage k, less `carried` of its last booster."""
+        """Make stage k the current sum, less `carried` of its last booster."""
         self.weight = self.stages()[k]
         self.weight[k] -= np.float32(carried)
 
@@ -83,7 +83,7 @@ class Ensemble:
         return h.reshape(len(self), *x.shape[:-1], self.net.widths[-1])
 
     def terms(self, x):
-        """w_j h_j(x) of every booster in the sum in use: x (…, d) → (m, …, A)."""
+        """w_j h_j(x) of every booster in the current sum: x (…, d) → (m, …, A)."""
         h = self.boosters(x)
         return self.weight.reshape(-1, *[1] * (h.ndim - 1)) * h
 
@@ -94,5 +94,5 @@ class Ensemble:
         return self.terms(x).sum(0)
 
     def staged_q(self, x):
-        """Q_1(x), …, Q_m(x), (…, d) → (m, …, A): what Q was as each booster was frozen."""
+        """Q_1(x), …, Q_m(x), (…, d) → (m, …, A): Q after each booster was frozen."""
         return np.tensordot(self.stages(), self.boosters(x), 1)

@@ -1,9 +1,8 @@
-"""An agent on disk, whole: networks, Adam, replay, cached predictions, generator, counters. No
-pickle.
+"""A whole agent on disk, without pickle: networks, Adam, replay, caches, generator, counters.
 
 A checkpoint is an uncompressed .npz with one array per attribute, named by its path from the agent
-("adam.m", "replay.tree.levels.0", …). Walking the attributes means that nothing can be forgotten
-when an agent grows.
+("adam.m", "replay.tree.levels.0", …). It walks the agent's attributes, so a new attribute is saved
+without further code.
 """
 
 import io
@@ -24,8 +23,8 @@ Arrays = dict[str, np.ndarray]
 
 FORMAT = 1
 HEADER = {"format": (int,), "episodes": (int,), "config": (dict,)}
-REBUILT = {"config", "net", "memo"}  # a new agent has these already, or makes them when needed
-GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis does
+REBUILT = {"config", "net", "memo"}  # a new agent has these, or computes them when needed
+GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis grows
 
 DAMAGED = (
     ValueError,
@@ -41,7 +40,7 @@ DAMAGED = (
 
 
 def save(path: Path | str, agent: Any, episodes: int) -> None:
-    """Write the agent as it is after so many episodes; the same agent gives the same bytes."""
+    """Write the agent after so many episodes; the same agent gives the same bytes."""
     header = {
         "format": FORMAT,
         "episodes": episodes,
@@ -53,22 +52,21 @@ def save(path: Path | str, agent: Any, episodes: int) -> None:
 
 
 def load(path: Path | str, agent: Any) -> int:
-    """Restore into a new agent of the same config what save() wrote; returns the number of episodes
-    it has seen.
+    """Restore what save() wrote into a new agent of the same config; returns its episodes so far.
 
-    UsageError where the file is damaged or another agent's; then nothing is changed.
+    UsageError if the file is damaged or of another agent; then nothing is changed.
     """
     content = Path(path).read_bytes()
     try:
         arrays, header, config = _read(content)
     except DAMAGED as e:
         raise UsageError(
-            f"{path} is damaged or foreign ({e}); without it --resume starts anew"
+            f"{path} is damaged or not a checkpoint ({e}); delete it, and --resume starts again"
         ) from e
     kind = type(agent).__name__
     if config.resolved() != agent.config.resolved() or header.get("agent", kind) != kind:
         raise UsageError(
-            f"{path} belongs to a run with other settings than the config.json beside it"
+            f"{path} belongs to a run with other settings than those in config.json beside it"
         )
     if _outline(arrays) != _outline(state(agent)):
         raise UsageError(
@@ -79,7 +77,7 @@ def load(path: Path | str, agent: Any) -> int:
 
 
 def _read(content: bytes) -> tuple[Arrays, dict[str, Any], Config]:
-    """(arrays, header, config) of a checkpoint; one of the DAMAGED where it is none."""
+    """(arrays, header, config) of a checkpoint; raises one of DAMAGED if it is not one."""
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         arrays = dict(file)
     header = json.loads(arrays.pop("header").item())
@@ -111,9 +109,7 @@ def state(thing: Any, name: str = "") -> Arrays:
 
 
 def _restore(thing: Any, name: str, arrays: Arrays) -> Any:
-    """The counterpart of state(): numbers and arrays are returned new, generators and objects
-    changed in place.
-    """
+    """The inverse of state(); numbers and arrays are new, generators and objects are changed."""
     if isinstance(thing, np.ndarray):
         return arrays[name]
     if isinstance(thing, (bool, int, float)):
@@ -130,15 +126,13 @@ def _restore(thing: Any, name: str, arrays: Arrays) -> Any:
 
 
 def _set_state(rng: np.random.Generator, array: np.ndarray) -> np.random.Generator:
-    """The generator, in the state that the text in this array describes."""
+    """Set the generator to the state in this array, which is JSON, and return it."""
     rng.bit_generator.state = json.loads(array.item())
     return rng
 
 
 def _parts(thing: Any) -> list[tuple[Any, Any]]:
-    """(key, part) of what is inside a list, a tuple or one of our objects; text and None hold
-    nothing to save.
-    """
+    """(key, part) of a list, a tuple or one of our objects; strings and None are not saved."""
     if isinstance(thing, (str, type(None))):
         return []
     if isinstance(thing, (list, tuple)):
@@ -151,9 +145,7 @@ def _join(name: str, key: Hashable) -> str:
 
 
 def _outline(arrays: Arrays) -> dict[str, tuple]:
-    """What must agree between a file and an agent: names, types and shapes, but for the length of
-    what grows.
-    """
+    """{name: (type, shape)}, which a file and an agent must share; axes that grow are left out."""
     outline = {}
     for name, array in sorted(arrays.items()):
         shape = array.shape[1:] if name.startswith(GROWS) else array.shape

@@ -1,4 +1,4 @@
-"""One dataclass that says everything about a run. Nothing here learns."""
+"""One dataclass with all settings of a run. Nothing here learns."""
 
 import difflib
 import json
@@ -19,7 +19,7 @@ from .schedule import FACTORS, Regime, check_environment, is_count, regimes
 
 
 class Rule(NamedTuple):
-    """What a setting may be: in words, as a test, and values just beyond what it allows."""
+    """The values a setting may have: in words, as a test, and examples that it refuses."""
 
     words: str
     holds: Callable[[Any], bool]
@@ -27,19 +27,19 @@ class Rule(NamedTuple):
 
 
 def whole(low: int, high: int) -> Rule:
-    """The rule of whole numbers from low to high."""
+    """The rule for whole numbers from low to high."""
     words = f"a whole number from {low:,} to {high:,}"
     return Rule(words, lambda n: low <= n <= high, (low - 1, high + 1))
 
 
 def one_of(*choices: str | None) -> Rule:
-    """The rule of words, of which None is written null."""
+    """The rule for a choice of words; None is written null."""
     words = ", ".join(choice or "null" for choice in choices)
     return Rule(f"one of {words}", lambda word: word in choices, ("xyzzy", ""))
 
 
 def own_or(rule: Rule) -> Rule:
-    """The same rule, for a setting that is the agent's own while it is None."""
+    """The same rule, which also allows None for the agent's own value."""
     words = f"{rule.words}, or null for the agent's own"
     return Rule(words, lambda value: value is None or rule.holds(value), rule.breaks)
 
@@ -49,7 +49,7 @@ COUNT = whole(1, 10_000_000)
 FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, (-0.01, 1.01, inf))
 POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, (0.0, -1e-9, inf))
 NORM = Rule("a positive number up to 1e6", lambda x: 0 < x <= 1e6, (0.0, -1e-9, 1.1e6, inf))
-NOT_NEGATIVE = Rule("a finite number from 0 on", lambda x: isfinite(x) and x >= 0, (-1e-9, inf))
+NOT_NEGATIVE = Rule("a non-negative finite number", lambda x: isfinite(x) and x >= 0, (-1e-9, inf))
 DISCOUNT = Rule("a number in [0, 1)", lambda x: 0 <= x < 1, (1.0, -0.1, inf))
 PROBABILITY = Rule("a number above 0 and at most 1", lambda x: 0 < x <= 1, (0.0, 1.01))
 YES_OR_NO = Rule("true or false", lambda _: True)
@@ -70,7 +70,7 @@ SIGNAL = Rule(
 )
 SCHEDULE = Rule(
     'a list of entries like {"episode": 9, "gravity": 1.5}',
-    lambda _: True,  # regimes() looks at the entries
+    lambda _: True,  # regimes() checks the entries
     ([5], [{"episode": 1}], [{"episode": 1, "gravity": 0}]),
 )
 
@@ -83,8 +83,7 @@ def _increasing(episodes: list) -> bool:
 class Config:
     """The settings of one run; the same config gives the same bytes on one machine.
 
-    A setting that is None is the agent's own, and follows a change of agent; resolved() fills it
-    in.
+    None stands for the agent's own value, so it changes with the agent; resolved() fills it in.
 
     >>> config = Config(env="acrobot", agent="gbdqn")
     >>> config.replay, config.resolved().replay
@@ -95,15 +94,15 @@ class Config:
     """
 
     env: Annotated[str, one_of(*FACTORS)] = "cartpole"
-    """What is learnt."""
+    """The environment."""
     agent: Annotated[str, one_of(*AGENTS)] = "gbdqn"
-    """Who learns: GB-DQN, a baseline or a control."""
+    """The agent: GB-DQN, a baseline or a control."""
     seed: Annotated[int, whole(0, 2**32 - 1)] = 0
-    """Seed of the agent; with the episode's number it seeds each reset, so agents are paired."""
+    """Seed of the agent; with the episode number it seeds each reset, which pairs the agents."""
     episodes: Annotated[int, COUNT] = 600
-    """How many episodes a run has."""
+    """Number of episodes in a run."""
     schedule: Annotated[list, SCHEDULE] = field(default_factory=list)
-    """When the physics drift, and to what: a list like [{"episode": 150, "gravity": 1.5}]."""
+    """When and how the physics drift: a list like [{"episode": 150, "gravity": 1.5}]."""
 
     gamma: Annotated[float, DISCOUNT] = 0.99
     """Discount γ."""
@@ -125,20 +124,20 @@ class Config:
     """Polyak coefficient τ of the target network, applied at each update (D9)."""
 
     behaviour: Annotated[str, one_of("epsilon-greedy", "softmax")] = "epsilon-greedy"
-    """How the agent explores: as in the experiments, or with Algorithm 1's softmax (D10)."""
+    """Exploration: ε-greedy as in the experiments, or softmax as in Algorithm 1 (D10)."""
     epsilon_start: Annotated[float, FRACTION] = 1.0
     """ε at the first step."""
     epsilon_end: Annotated[float, FRACTION] = 0.05
-    """ε from epsilon_decay_steps on."""
+    """ε after epsilon_decay_steps."""
     epsilon_decay_steps: Annotated[int, COUNT] = 20_000
-    """Environment steps over which ε falls, linearly."""
+    """Environment steps over which ε falls linearly."""
     temperature: Annotated[float, POSITIVE] = 1.0
     """Temperature τ of the softmax policy."""
 
     capacity: Annotated[int, COUNT] = 50_000
-    """Transitions that the replay buffer holds."""
+    """Size of the replay buffer, in transitions."""
     replay: Annotated[str | None, own_or(one_of("uniform", "proportional", "recency"))] = None
-    """How a batch is drawn: evenly, by TD error, or by TD error and recency."""
+    """How a batch is drawn: uniformly, by TD error, or by TD error and recency."""
     priority_offset: Annotated[float, POSITIVE] = 0.01
     """ε in p^TD = (|δ| + ε)^γ."""
     priority_exponent: Annotated[float, NOT_NEGATIVE] = 0.6
@@ -146,16 +145,16 @@ class Config:
     is_exponent: Annotated[float, FRACTION] = 0.4
     """β in the importance weights w = (1 / (N P))^β."""
     normalise: Annotated[str | None, one_of("batch", None)] = "batch"
-    """Importance weights are divided by the batch's largest ("batch") or left alone (null)."""
+    """Divide importance weights by the batch's largest ("batch"), or do not (null)."""
     mix: Annotated[float, FRACTION] = 0.3
     """β in p = β p^TD + (1 − β) p^time (Eq. 10)."""
     recency_rate: Annotated[float, NOT_NEGATIVE] = 1e-4
     """α in p^time = exp(−α age), per transition (D5)."""
 
     target: Annotated[str, one_of("live", "frozen")] = "live"
-    """GB-DQN acts and bootstraps with the learner in training, or without it (D6)."""
+    """GB-DQN acts and bootstraps with the new learner (live) or without it (frozen) (D6)."""
     alpha: Annotated[float | str | None, own_or(STEP_SIZE)] = None
-    """GB-DQN's α_m of boosters 2, 3, …: η_boost of the experiments (D15), or by Eq. 8."""
+    """GB-DQN's α_m from booster 2 on: η_boost as in the experiments (D15), or by Eq. 8."""
     loss_on: Annotated[str, one_of("alpha_h", "h")] = "alpha_h"
     """GB-DQN fits α h to the residual (Eq. 5), or h (Algorithm 1, line 19) (D6)."""
     zero_output: Annotated[bool | None, own_or(YES_OR_NO)] = None
@@ -164,24 +163,24 @@ class Config:
     """GB-DQN's new boosters start from the last learner's parameters (D22)."""
 
     keep_data: Annotated[float | None, own_or(FRACTION)] = None
-    """Part of the older data that is kept at an event, its newest (D22)."""
+    """Share of the older data, its newest part, that is kept at a drift or reset (D22)."""
     keep_adam: Annotated[bool | None, own_or(YES_OR_NO)] = None
-    """Adam's moments are kept at an event; a fresh network has fresh ones (D22)."""
+    """Keep Adam's moments at a drift or reset; a new network has new moments (D22)."""
     lr_factor: Annotated[float, POSITIVE] = 1.0
-    """From the first event on Adam's step size is lr times this (D22)."""
+    """Factor on lr from the first drift or reset on (D22)."""
     epsilon_restart: Annotated[float, FRACTION] = 0.0
-    """ε is raised to this at an event and falls as at the start; 0 leaves it alone (D22)."""
+    """ε is raised to this at a drift or reset and falls as at the start; 0: it is not (D22)."""
     drift_signal: Annotated[str | list | None, own_or(SIGNAL)] = None
-    """What tells of a drift: the schedule, falling returns, rising |δ|, or some episodes (D22)."""
+    """What signals a drift: the schedule, falling returns, rising |δ|, or given episodes (D22)."""
     alarm_level: Annotated[float, POSITIVE] = 5.0
-    """S of the CUSUM chart at which an agent that looks for drifts raises an alarm (D22)."""
+    """Threshold on the CUSUM statistic S above which an agent detects a drift (D22)."""
 
     members: Annotated[int, whole(1, 100)] = 5
-    """Networks of Ensemble-DQN (D19)."""
+    """Number of networks in Ensemble-DQN (D19)."""
     bootstrap: Annotated[float, PROBABILITY] = 1.0
-    """Probability that a member of the ensemble sees a transition; with 1 all see all (D18)."""
+    """Probability that a member sees a transition; with 1, as in the paper, always (D18)."""
     window: Annotated[int, COUNT] = 5_000
-    """Transitions that Sliding-window DQN remembers, in place of capacity."""
+    """Replay size of Sliding-window DQN, in place of capacity."""
 
     def __post_init__(self) -> None:
         for name, (kinds, rule) in SETTINGS.items():
@@ -189,27 +188,26 @@ class Config:
             if type(value) not in kinds or not rule.holds(value):
                 raise UsageError(f"{name} must be {rule.words}, not {short(value)}")
             object.__setattr__(self, name, value)
-        _ = self.regimes  # refuses a broken schedule
+        _ = self.regimes  # checks the schedule
 
     def __hash__(self) -> int:
         return hash(json.dumps(self.to_dict(), sort_keys=True))
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """The schedule, resolved when the config is made and cut off at the run's end."""
+        """The schedule, resolved once and cut off at the end of the run."""
         return regimes(self.env, self.schedule, self.episodes)
 
     def resolved(self) -> Self:
-        """The same config with the agent's own settings in place of None."""
+        """The same config with the agent's own values in place of None."""
         own = OWN | AGENTS[self.agent].own
         return replace(self, **{key: own[key] for key in own if getattr(self, key) is None})
 
     @classmethod
     def preset(cls, env: str, name: str | None = None, /, **values: Any) -> Self:
-        """The settings of a preset for an environment, "paper" by default; `values` replace some.
+        """The settings of a preset for an environment; `values` replace some of them.
 
-        "hopper-long" is short for the preset "long" of hopper, "acrobot-hard" for "hard" of
-        acrobot.
+        The default preset is "paper". "hopper-long" is short for hopper with the preset "long".
 
         >>> Config.preset("acrobot", agent="dqn").capacity
         50000
@@ -223,7 +221,7 @@ class Config:
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """A config from a mapping such as the one in config.json.
 
-        UsageError names a setting that does not exist.
+        UsageError names an unknown setting.
         """
         if not isinstance(values, Mapping):
             raise UsageError(f"settings must be a mapping of names to values, not {short(values)}")
@@ -240,7 +238,7 @@ class Config:
 
 
 def preset_of(env: Any, name: Any = None) -> tuple[str, str]:
-    """(environment, preset) from an environment, perhaps with its preset as a suffix, and a preset.
+    """(environment, preset); the preset may also be a suffix of the environment.
 
     >>> preset_of("hopper-long"), preset_of("acrobot")
     (('hopper', 'long'), ('acrobot', 'paper'))
@@ -257,7 +255,7 @@ def preset_of(env: Any, name: Any = None) -> tuple[str, str]:
 
 
 def _plain(value: Any, kinds: tuple[type, ...]) -> Any:
-    """The value in Python's own types, and in the kind of its setting where no meaning changes."""
+    """The value in plain Python types, converted to the setting's type where nothing is lost."""
     if isinstance(value, (list, tuple)):
         value = [_plain(each, ()) for each in value]
         return tuple(value) if tuple in kinds else value

@@ -1,17 +1,17 @@
-"""Have the physics drifted? A CUSUM chart of one number per episode (Page 1954).
+"""Drift detection with a CUSUM chart of one number per episode (Page 1954).
 
-Letters: x the number that is charted, z its distance from the reference in standard deviations,
-S the sum, k the slack. What is charted rises when things get worse: minus the return, or log |δ|.
+Letters: x the charted number, z its distance from the reference in standard deviations, S the
+cumulative sum, k the slack. x rises when the agent gets worse: it is minus the return, or log |δ|.
 """
 
 from math import log, sqrt
 
 SIGNALS = ("return", "td_error")
-SLACK, LARGEST, REFERENCE = 0.5, 3.0, 30  # k, the largest z, episodes that the reference remembers
+SLACK, LARGEST, REFERENCE = 0.5, 3.0, 30  # k, the largest z, the reference's memory in episodes
 
 
 def cusum(S, z, slack=SLACK):
-    """S ← max(0, S + z − k): it stays near 0 while z is 0 on average, and rises with z.
+    """S ← max(0, S + z − k): near 0 while z is 0 on average, and rising with z.
 
     >>> cusum(1.0, 2.0), cusum(1.0, -2.0)
     (2.5, 0.0)
@@ -20,7 +20,7 @@ def cusum(S, z, slack=SLACK):
 
 
 def symptom(signal, total, td_error):
-    """The number that rises when the physics change; None where an episode has none.
+    """The charted number x of an episode; None if it has none.
 
     An episode without an update has no TD error (nan).
     """
@@ -30,15 +30,15 @@ def symptom(signal, total, td_error):
 
 
 class Chart:
-    """A one-sided CUSUM of the rises of x above a reference that follows it.
+    """A one-sided CUSUM chart, which detects rises of x above a reference that follows x.
 
     The reference is the mean μ and the standard deviation σ of x, with exponential weights from the
-    30th value on. z is at most 3, so that one value is no alarm and does not carry the reference
-    away. Falls are not cut, so that the reference follows an agent that learns.
+    30th value on. z is cut off at 3, so a single value raises no alarm and barely moves the
+    reference. Falls are not cut off, so the reference follows an agent that learns.
 
     >>> chart = Chart(level=5.0)
     >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(41)]
-    >>> [chart.update(x=9.0, at=k) for k in range(41, 44)]      # the change came with step 41
+    >>> [chart.update(x=9.0, at=k) for k in range(41, 44)]      # the change came at step 41
     [None, None, 41]
     """
 
@@ -47,13 +47,13 @@ class Chart:
         self.restart()
 
     def restart(self):
-        """Forget the reference."""
+        """Forget the reference and the sum."""
         self.n, self.mean, self.variance, self.S, self.since = 0, 0.0, 0.0, 0.0, 0
 
     def update(self, x, at):
-        """Chart x, observed from step `at` on; where S > level, restart and return when it began.
+        """Chart x, observed from step `at` on; if S > level, restart and return the change's step.
 
-        That is the step of the x with which S last left 0.
+        That is the step of the x at which S last left 0.
         """
         away, sigma = x - self.mean, sqrt(self.variance) + 1e-9
         if self.n >= REFERENCE:

@@ -1,4 +1,4 @@
-"""DQN (Mnih et al. 2015) with a soft target network: the ancestor and first baseline."""
+"""DQN (Mnih et al. 2015) with a soft target network: GB-DQN's ancestor and first baseline."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class DQN:
         self.adam = Adam(self.net.size, config.lr)
         self.replay = make_replay(config, state_dim)
         self.steps, self.episode_start, self.learning_starts = 0, 0, config.learning_starts
-        self.explored_from, self.explore = 0, config.epsilon_start  # ε falls from here, from this
+        self.explored_from, self.explore = 0, config.epsilon_start  # where ε starts to fall
         self.chart, self.alarms = detect.Chart(config.alarm_level), np.empty(0, int)
 
     def q(self, s):
@@ -49,7 +49,7 @@ class DQN:
         return bellman.epsilon_greedy(self.q(s), self.epsilon, self.rng)
 
     def observe(self, s, a, r, s2, terminated):
-        """Remember a transition; `terminated` is not to include truncation by a time limit."""
+        """Store a transition; `terminated` must not include truncation by a time limit."""
         self.replay.add(s, a, r, s2, terminated)
         self.steps += 1
 
@@ -69,9 +69,9 @@ class DQN:
         return delta
 
     def on_drift(self, event, fresh=0):
-        """The physics changed `fresh` transitions ago ("drift") or are the stock ones ("reset").
+        """React to an event, a "drift" or "reset" of the physics `fresh` transitions ago.
 
-        What is kept then is a matter of settings; by default DQN keeps everything and learns on.
+        The settings decide what is kept. By default DQN keeps everything and continues to learn.
         """
         if event not in ("drift", "reset"):
             raise ValueError(f"an event is 'drift' or 'reset', not {event!r}")
@@ -84,7 +84,7 @@ class DQN:
             self.explored_from, self.explore = self.steps, max(self.epsilon, c.epsilon_restart)
 
     def _drop_data(self, fresh):
-        """Keep the part keep_data of the older data, its newest; learn on once there is a batch."""
+        """Keep the newest share of the older data; learning pauses until there is a full batch."""
         c, old = self.config, len(self.replay) - fresh
         if c.keep_data < 1:
             self.replay.keep(fresh + int(c.keep_data * old))
@@ -92,10 +92,9 @@ class DQN:
             self.learning_starts = max(self.learning_starts, self.steps + wait)
 
     def end_episode(self, total, td_error):
-        """An episode ended, by a terminal state or a time limit, with this return and mean |δ|.
+        """Note an episode's return and mean |δ|; an agent that detects drifts looks for one.
 
-        An agent that is told of no drift looks for one itself. Where there was no update, td_error
-        is nan.
+        td_error is nan if the episode had no update.
         """
         start, self.episode_start = self.episode_start, self.steps
         if self.config.drift_signal in detect.SIGNALS:
@@ -106,7 +105,7 @@ class DQN:
                 self.on_drift("drift", self.steps - change)
 
     def finish(self):
-        """The agent as it is judged and saved when training ends; self may go on training."""
+        """The agent to evaluate and save when training ends; self can still go on training."""
         return self
 
 

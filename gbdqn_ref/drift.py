@@ -10,9 +10,8 @@ from gymnasium.utils import RecordConstructorArgs
 from . import UsageError, physics
 from .schedule import check_environment, is_count, regimes
 
-ENVIRONMENTS: dict[
-    str, tuple[str, Callable[..., None]]
-] = {  # name: (Gymnasium's id, the setter of its physics)
+# {name: (Gymnasium's id, the setter of its physics)}
+ENVIRONMENTS: dict[str, tuple[str, Callable[..., None]]] = {
     "cartpole": ("CartPole-v1", physics.set_cartpole),
     "mountaincar": ("MountainCar-v0", physics.set_mountaincar),
     "acrobot": ("gbdqn_ref/Acrobot-v1", physics.set_acrobot),
@@ -21,12 +20,12 @@ ENVIRONMENTS: dict[
 
 
 class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
-    """Changes the physics of a named environment between episodes, as its schedule says.
+    """Changes the physics of an environment between episodes, by a schedule.
 
     reset() counts episodes; reset(options={"episode": k}) starts episode k instead. `info` of every
     reset and step carries `regime` (0, 1, …), `factors` (all of them) and `event`: "drift" or
-    "reset" in the first episode of a regime, else None. Observations, rewards and time limit stay
-    as they are.
+    "reset" in the first episode of a regime, else None. Observations, rewards and the time limit
+    are unchanged.
     """
 
     def __init__(self, env: gymnasium.Env, schedule: list | tuple | None = None) -> None:
@@ -40,7 +39,7 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         self.episode, self.regime = -1, 0
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy has its regime's physics: Gymnasium builds MuJoCo's part of it anew, as stock."""
+        """Set a copy's physics, since Gymnasium rebuilds MuJoCo's model with the stock ones."""
         self.__dict__.update(state)
         self._set(self.env.unwrapped, **self.regimes[self.regime].factors)
 
@@ -48,7 +47,7 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
         options = dict(options or {})
         episode = options.pop("episode", self.episode + 1)
         if not is_count(episode):
-            raise UsageError(f"episode must be a whole number from 0 on, not {short(episode)}")
+            raise UsageError(f"episode must be a non-negative whole number, not {short(episode)}")
         self.episode = int(episode)
         self.regime = sum(regime.start <= self.episode for regime in self.regimes) - 1
         self._set(self.env.unwrapped, **self.regimes[self.regime].factors)
@@ -70,8 +69,9 @@ class DriftWrapper(gymnasium.Wrapper, RecordConstructorArgs):
 
 
 def make(name: str, schedule: list | tuple | None = None, **kwargs: Any) -> DriftWrapper:
-    """The named environment with its time limit, drifting by the schedule; kwargs go to
-    gymnasium.make.
+    """The named environment with its time limit, which drifts by the schedule.
+
+    Further arguments go to gymnasium.make.
 
     >>> env = make("cartpole", [{"episode": 1, "length": 4.0}])
     >>> [env.reset(seed=seed)[1]["factors"]["length"] for seed in (0, 1)]

@@ -1,4 +1,4 @@
-"""Does a drift matter? What it costs a policy of the stock physics, and whether it can be learnt.
+"""Whether a drift matters: what it costs a fixed policy, and whether it can be learnt.
 
 An experiment can tell methods apart only if its drifts cost something and can be learnt.
 """
@@ -17,14 +17,14 @@ from .train import evaluate, make_agent
 
 
 def drift_effect(config: Config, out: Path | str, episodes: int = 50, **options: Any) -> Rows:
-    """One dict per regime of the schedule, stock physics first: what three policies reach in it.
+    """The returns of three policies in each regime, stock physics first: one dict per regime.
 
-    random; frozen, trained in the stock physics and no longer learning; trained, in this regime
-    from the start. Each is the mean greedy return of some episodes with the same starts. The two
-    are trained as a study in `out`, which keeps them; the options are those of study.run_study().
+    random: uniformly random actions. frozen: trained in the stock physics, then fixed. trained: in
+    this regime from the start. Each return is a mean over greedy episodes with the same starts. A
+    study in `out` trains the policies; the options are those of study.run_study().
     """
     if episodes < 2:
-        raise UsageError(f"a standard error needs 2 episodes or more, not {episodes}")
+        raise UsageError(f"a standard error needs at least 2 episodes, not {episodes}")
     configs = regimes(config)
     study.complete(configs, out, **options)
     trained = [runs.read_agent(Path(out) / name)[1] for name in configs]
@@ -37,7 +37,7 @@ def drift_effect(config: Config, out: Path | str, episodes: int = 50, **options:
 
 
 def regimes(config: Config) -> dict[str, Config]:
-    """The study of every regime of a config's schedule by itself, stock physics first.
+    """The runs, {name: config}, that train in each regime by itself, stock physics first.
 
     >>> schedule = [{"episode": 9, "length": 2.0}, {"episode": 12, "reset": True}]
     >>> list(regimes(Config(agent="dqn", seed=3, schedule=schedule)))
@@ -55,7 +55,7 @@ def regimes(config: Config) -> dict[str, Config]:
 def cost(random: np.ndarray, frozen: np.ndarray, trained: np.ndarray) -> dict[str, Any]:
     """What a drift costs, from the returns (episodes,) of three policies in its physics.
 
-    lost = (trained − frozen) / (trained − random) of the means; None where trained shows no gain.
+    lost = (trained − frozen) / (trained − random) of the means; None if trained shows no gain.
     """
     means = [float(returns.mean()) for returns in (random, frozen, trained)]
     gain = stats.gain(trained, means[0])

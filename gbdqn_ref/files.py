@@ -1,4 +1,4 @@
-"""Whole files: written atomically, in folders that other processes keep out of, and read back."""
+"""Files: written atomically, in folders locked against other processes, and checked when read."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from . import UsageError
 
 try:
     import fcntl
-except ImportError:  # Windows has no flock; there nothing keeps two processes from one folder
+except ImportError:  # Windows has no flock, so folders are not locked there
     fcntl = None  # type: ignore[assignment]
 
 Shape = Any  # {key: shape}, [shape of each element], or a tuple of types
@@ -22,9 +22,9 @@ ANY = (dict, list, str, int, float, bool, type(None))
 
 
 def write_atomically(path: Path | str, write: Callable[[IO[bytes]], Any]) -> None:
-    """Call write(file) on a temporary file that takes path's place once it is whole and on disk.
+    """Let write(file) fill a temporary file, which replaces path once it is complete and on disk.
 
-    An OSError, as of a full disk, names path; what was there before stays.
+    An OSError, for example a full disk, names path and leaves the old file in place.
     """
     path, temporary = Path(path), Path(f"{path}.part")
     with naming(path):
@@ -34,14 +34,14 @@ def write_atomically(path: Path | str, write: Callable[[IO[bytes]], Any]) -> Non
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(temporary, path)
-            sync_folder(path.parent)  # without it a crash may take the new name back
+            sync_folder(path.parent)  # otherwise a crash may undo the renaming
         finally:
             temporary.unlink(missing_ok=True)
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let an error of the system name this file: a full disk does not say what did not fit."""
+    """Make a system error name this file; a full disk does not say which file did not fit."""
     try:
         yield
     except OSError as e:
@@ -51,13 +51,13 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def append(path: Path, content: bytes) -> None:
-    """Add to the end of a file; until sync() a crash may take it away, or a part of it."""
+    """Append to a file; until sync() a crash may lose all or part of it."""
     with naming(path), open(path, "ab") as file:
         file.write(content)
 
 
 def sync(path: Path) -> None:
-    """Wait until all that was appended to a file is on disk."""
+    """Wait until everything appended to a file is on disk."""
     with naming(path), open(path, "ab") as file:
         os.fsync(file.fileno())
 
@@ -67,31 +67,28 @@ def sync_folder(folder: Path) -> None:
     if not fcntl:
         return
     descriptor = os.open(folder, os.O_RDONLY)
-    with suppress(OSError):  # as not every file system can
+    with suppress(OSError):  # not every file system can
         os.fsync(descriptor)
     os.close(descriptor)
 
 
 def check_picture(path: Path | str, ending: str) -> None:
-    """UsageError if a picture of this kind cannot be written there."""
+    """UsageError if the path cannot be a picture with this ending."""
     path = Path(path)
     if path.is_dir():
-        raise UsageError(
-            f"{path} is a folder; --out is the file that takes the picture, like"
-            f" {path / 'picture'}{ending}"
-        )
+        raise UsageError(f"{path} is a folder; --out needs a file, like {path / 'picture'}{ending}")
     if path.suffix.lower() != ending:
-        raise UsageError(f"the picture is written as {ending}, so --out cannot be {path}")
+        raise UsageError(f"the picture is a {ending} file, so --out cannot be {path}")
 
 
 def write_json(path: Path | str, content: Any) -> None:
-    """Write plain JSON, atomically, the same bytes for the same content."""
+    """Write JSON atomically; the same content gives the same bytes."""
     text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
     write_atomically(path, lambda file: file.write(text.encode()))
 
 
 def read_json(path: Path | str, *keys: str, **shapes: Shape) -> dict[str, Any]:
-    """The object in a JSON file, which must have these keys, some of them with a shape."""
+    """The object in a JSON file; it must have these keys, and values of these shapes."""
     with undamaged(path):
         content = json.loads(Path(path).read_bytes())
         check_shape(content, dict.fromkeys(keys, ANY) | shapes, "it")
@@ -100,7 +97,7 @@ def read_json(path: Path | str, *keys: str, **shapes: Shape) -> dict[str, Any]:
 
 @contextmanager
 def undamaged(path: Path | str) -> Iterator[None]:
-    """UsageError names a file whose content is not what it should be."""
+    """Turn an error about the content of a file into a UsageError that names the file."""
     try:
         yield
     except (ValueError, TypeError, RecursionError) as e:
@@ -110,7 +107,7 @@ def undamaged(path: Path | str) -> Iterator[None]:
 
 
 def check_shape(value: Any, shape: Shape, name: str) -> None:
-    """ValueError that names the part of a JSON value that has not its shape.
+    """ValueError if a JSON value has another shape; it names the part that differs.
 
     >>> check_shape({"seeds": [1, "2"]}, {"seeds": [NUMBER]}, "it")
     Traceback (most recent call last):
@@ -132,7 +129,7 @@ def check_shape(value: Any, shape: Shape, name: str) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Make a folder if there is none, and keep other processes from it.
+    """Lock a folder against other processes; a missing folder is made.
 
     A killed process leaves no lock behind. A new folder that is still empty at the end is removed.
     """
@@ -154,7 +151,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(folder: Path) -> int:
-    """The descriptor that holds the lock. Where the file system knows none, say so and go on."""
+    """The descriptor that holds the lock; on a file system without locks, warn and continue."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -165,7 +162,7 @@ def _lock(folder: Path) -> int:
         ) from e
     except OSError as e:
         print(
-            f"gbdqn_ref: {folder} is on a file system without locks ({e.strerror}); see to it that"
+            f"gbdqn_ref: {folder} is on a file system without locks ({e.strerror}); make sure that"
             " no other process writes there",
             file=sys.stderr,
         )

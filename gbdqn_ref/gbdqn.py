@@ -1,11 +1,10 @@
-"""GB-DQN, the paper: freeze everything learnt so far when the physics drift, and fit one new
-network to what is left.
+"""GB-DQN, the paper: at each drift freeze Q and fit a new network to its Bellman residual.
 
     Q_m = Q_{m−1} + α_m h_m        Q_{m−1} = Σ_{j<m} α_j h_j  is frozen,  h_m(·; θ)  learns
 
-Raw predictions are cached, as gradient-boosting libraries do: Q_{m−1}(s_i, a_i) and Q_{m−1}(s'_i,
-·) are kept beside the replay buffer, slot by slot. A training step touches only h_m, however many
-boosters there are.
+Raw predictions are cached, as in gradient-boosting libraries: Q_{m−1}(s_i, a_i) and
+Q_{m−1}(s'_i, ·) are stored beside the replay buffer, slot by slot. A training step evaluates only
+h_m, however many boosters there are.
 """
 
 import copy
@@ -19,13 +18,12 @@ from .optim import Adam, clip_by_norm, polyak
 
 
 class GBDQN(DQN):
-    """Gradient-boosted DQN (Algorithm 1), with its readings as options of the config.
+    """Gradient-boosted DQN (Algorithm 1); settings choose between the readings of the paper.
 
-    target="live" (D6): acts and bootstraps with Q_m, so that h_m counts while it learns; "frozen":
-    with Q_{m−1}, as Algorithm 1 has it, and h_m counts only from the next drift on. alpha: a
-    number, or the closed form of Eq. 8 (then α is 1 while h_m learns). loss_on: fit α h (Eq. 5) or
-    h (Algorithm 1) to the residual. The first learner is a plain DQN under every reading (D8):
-    live, α₁ = 1.
+    target (D6): "live" acts and bootstraps with Q_m, so h_m counts while it learns; "frozen" uses
+    Q_{m−1}, as in Algorithm 1, so h_m counts only after the next drift. alpha: a number, or the
+    closed form of Eq. 8 (then α is 1 while h_m learns). loss_on: fit α h (Eq. 5) or h (Algorithm 1)
+    to the residual. Under every reading the first learner is a plain DQN (D8): live, α₁ = 1.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
@@ -38,7 +36,7 @@ class GBDQN(DQN):
 
     @property
     def live(self):
-        """Whether h_m counts already."""
+        """Whether Q includes h_m while it learns."""
         return self.config.target == "live" or not len(self.ensemble)
 
     def q(self, s):
@@ -54,33 +52,29 @@ class GBDQN(DQN):
     def observe(self, s, a, r, s2, terminated):
         slot = self.replay.add(s, a, r, s2, terminated)
         self.q_frozen[slot] = self._frozen(s)[a]
-        self.q_frozen_next[slot] = self._frozen(s2)  # also the answer for the next action
+        self.q_frozen_next[slot] = self._frozen(s2)  # remembered for the next action
         self.steps += 1
 
     def _frozen(self, s):
-        """Q_{m−1}(s, ·), remembered for the last s asked for."""
+        """Q_{m−1}(s, ·), remembered for the last s."""
         if not np.array_equal(s, self.memo[0]):
             self.memo = s.copy(), self.ensemble.q(s)
         return self.memo[1]
 
     def learn(self):
-        """Algorithm 1, lines 13–21: one update of θ_m towards the residual; returns the batch's TD
-        errors δ (B,).
-        """
+        """One update of θ_m towards the residual (Algorithm 1, lines 13–21); returns δ (B,)."""
         c, factor = self.config, self.alpha if self.config.loss_on == "alpha_h" else 1.0
         batch = self.replay.sample(c.batch_size, self.rng)
         q_next = self.q_frozen_next[batch.index]  # Q̄_{m−1}(s', ·)
         if self.live:
-            q_next = (
-                q_next + self.alpha * self.net.forward(self.theta_target, batch.s2)[0]
-            )  # Q̄_m(s', ·)
+            h_next, _ = self.net.forward(self.theta_target, batch.s2)
+            q_next = q_next + self.alpha * h_next  # Q̄_m(s', ·)
         y = bellman.td_target(batch.r, batch.terminated, q_next, c.gamma)  # (B,)
         residual = y - self.q_frozen[batch.index]  # Eq. 4
         h_all, cache = self.net.forward(self.theta, batch.s)  # (B, A)
         h = h_all[np.arange(len(y)), batch.a]
-        dq = factor * bellman.loss_gradient(
-            residual - factor * h, batch.weight, batch.a, self.n_actions
-        )
+        error = residual - factor * h
+        dq = factor * bellman.loss_gradient(error, batch.weight, batch.a, self.n_actions)
         grad = clip_by_norm(self.net.backward(self.theta, cache, dq), c.max_grad_norm)
         self.adam.step(self.theta, grad)
         polyak(self.theta_target, self.theta, c.tau)  # D9
@@ -96,7 +90,7 @@ class GBDQN(DQN):
         super().on_drift(event, fresh)
 
     def finish(self):
-        """The agent with its last learner folded in where it does not count yet (Alg. 1, end)."""
+        """The agent with its last learner folded in if it does not count yet (Algorithm 1, end)."""
         if self.live:
             return self
         finished = copy.deepcopy(self)
@@ -106,7 +100,7 @@ class GBDQN(DQN):
     def fold_in(self, carried=0.0):
         """Q_m = Q_{m−1} + α_m h_m (Eq. 9): freeze h_m and add it to the cached predictions, once.
 
-        `carried` is the part of α_m that a learner takes over which goes on from θ.
+        `carried` is the part of α_m that the next learner takes over if it starts from θ.
         """
         c, replay, slots = self.config, self.replay, self.replay.slots()
         h = self._predict(replay.s[slots])[np.arange(len(slots)), replay.a[slots]]  # (n,)
@@ -114,7 +108,7 @@ class GBDQN(DQN):
         if len(slots) and c.alpha == "closed-form" and len(self.ensemble):
             q_next = self.q_frozen_next[slots] + (h_next if self.live else 0)
             y = bellman.td_target(replay.r[slots], replay.terminated[slots], q_next, c.gamma)
-            # P · w: drawn by P, weighted by w
+            # proportional to P · w: the loss draws with P and weights with w
             weights = (len(slots) * replay.probabilities()) ** (1 - c.is_exponent)
             self.alpha = closed_form_alpha(y - self.q_frozen[slots], h, weights)
         self.ensemble.add(self.theta, self.alpha, carried)
@@ -123,14 +117,12 @@ class GBDQN(DQN):
         self.memo = np.empty(0), np.empty(0)
 
     def _predict(self, x, rows=1024):
-        """h_m(x), (n, d) → (n, A), in pieces that stay in the processor's cache."""
-        pieces = [
-            self.net.forward(self.theta, x[i : i + rows])[0] for i in range(0, max(len(x), 1), rows)
-        ]
-        return np.concatenate(pieces)
+        """h_m(x), (n, d) → (n, A), in pieces that fit into the processor's cache."""
+        starts = range(0, max(len(x), 1), rows)
+        return np.concatenate([self.net.forward(self.theta, x[i : i + rows])[0] for i in starts])
 
     def _new_booster(self):
-        """Start h_{m+1}: a fresh network, or the last learner's again (warm_start)."""
+        """Start h_{m+1} as a new network or, with warm_start, from the last learner."""
         c = self.config
         if not c.warm_start:
             self.theta = self.net.init(self.rng)
@@ -146,6 +138,6 @@ class GBDQN(DQN):
         return 1.0 if self.config.alpha == "closed-form" else self.config.alpha
 
     def _carried(self):
-        """The part of α_m that the next learner takes over: all it has if it starts as h_m."""
+        """The part of α_m that the next learner takes over: its whole α if it starts as h_m."""
         c = self.config
         return self._next_alpha() if c.warm_start and not c.zero_output else 0.0

@@ -4,8 +4,8 @@
 
 A bias is the weight of an input that is always 1. So a layer is one matrix product forward, and
 the gradients of its weights and bias are one matrix product backward. Because θ is flat, Adam,
-clipping, Polyak averaging, freezing and saving are each a line on one array. Leading axes
-broadcast: a stack θ (K, P) is K networks that answer at once.
+clipping, Polyak averaging, freezing and saving take one line each. Leading axes broadcast: a stack
+θ (K, P) is K networks, evaluated together.
 
 Letters: x input, h activations with the constant 1 appended, z = h V before the ReLU, q output, V
 one layer's block, B batch, d inputs, A outputs (actions).
@@ -32,15 +32,11 @@ class MLP:
     def __init__(self, widths):
         self.widths = tuple(int(width) for width in widths)
         if len(self.widths) < 2 or min(self.widths) < 1:
-            raise ValueError(
-                "widths must be two or more positive integers (inputs, hidden …, outputs), not"
-                f" {widths}"
-            )
+            raise ValueError(f"widths must be two or more positive integers, not {widths}")
         shapes = [(n_in + 1, n_out) for n_in, n_out in pairwise(self.widths)]
         ends = [0, *accumulate(rows * columns for rows, columns in shapes)]
-        self.blocks = [  # where V_l lies in θ, and its shape
-            (slice(*span), shape) for span, shape in zip(pairwise(ends), shapes, strict=True)
-        ]
+        spans = [slice(*span) for span in pairwise(ends)]
+        self.blocks = list(zip(spans, shapes, strict=True))  # where V_l lies in θ, and its shape
         self.size = ends[-1]
 
     def init(self, rng, k=None, zero_output=False):

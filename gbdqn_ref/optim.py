@@ -2,7 +2,7 @@
 
 import numpy as np
 
-# Adam's moments below this are set to 0: they would become denormal numbers, which are slow
+# Smaller moments of Adam are set to 0. They would become denormal numbers, which are slow.
 TINY = 1e-30
 
 
@@ -43,7 +43,7 @@ class Adam:
 
 
 def clip_by_norm(grad, max_norm):
-    """grad · min(1, max_norm / ‖grad‖₂), for each member of a stack by itself.
+    """grad · min(1, max_norm / ‖grad‖₂), separately for each member of a stack.
 
     >>> clip_by_norm(np.array([[3.0, 4.0], [0.3, 0.4]]), 1.0).tolist()
     [[0.6000000000000001, 0.8], [0.3, 0.4]]

@@ -1,4 +1,4 @@
-"""What drifts: one setter per environment changes its constants and all that depends on them.
+"""What drifts: one setter per environment for its constants and all that depends on them.
 
 Every argument of a setter is a factor on the stock constant. 1 is the stock value, so a setter
 without arguments restores the stock environment. A setter writes every constant it governs, always
@@ -18,15 +18,15 @@ from gymnasium.utils import RecordConstructorArgs
 
 from . import UsageError
 
-CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, only read
+CARTPOLE, MOUNTAINCAR = CartPoleEnv(), MountainCarEnv()  # the stock constants, read only
 
 
 class Acrobot(AcrobotEnv):
     """Acrobot-v1 with a gravity that can change; the stock class hard-codes 9.8 in a function.
 
     The equations of motion and the fourth-order Runge-Kutta step are the stock ones. Plain floats
-    take a fraction of the time. A step equals the stock step to 1e-12, and to the bit where
-    numpy.cos is the C library's cosine, as it is in common builds.
+    take a fraction of the time. A step equals the stock step to 1e-12, and bit for bit where
+    numpy.cos is the C library's cosine, as in common builds.
     """
 
     gravity = 9.8  # m/s²
@@ -46,12 +46,9 @@ class Acrobot(AcrobotEnv):
             yi + dt / 6 * (a + 2 * b + 2 * c + d)
             for yi, a, b, c, d in zip(y, k1, k2, k3, k4, strict=True)
         )
-        self.state = (
-            wrap(theta1),
-            wrap(theta2),
-            min(max(speed1, -self.MAX_VEL_1), self.MAX_VEL_1),
-            min(max(speed2, -self.MAX_VEL_2), self.MAX_VEL_2),
-        )
+        speed1 = min(max(speed1, -self.MAX_VEL_1), self.MAX_VEL_1)
+        speed2 = min(max(speed2, -self.MAX_VEL_2), self.MAX_VEL_2)
+        self.state = wrap(theta1), wrap(theta2), speed1, speed2
         terminated = self._terminal()
         if self.render_mode == "human":
             self.render()
@@ -59,13 +56,8 @@ class Acrobot(AcrobotEnv):
 
     def _derivative(self, theta1, theta2, speed1, speed2, torque):
         """(dθ₁/dt, dθ₂/dt, d²θ₁/dt², d²θ₂/dt²); angles in rad, torque on joint 2 in N m."""
-        m1, m2, l1, lc1, lc2 = (
-            self.LINK_MASS_1,
-            self.LINK_MASS_2,
-            self.LINK_LENGTH_1,
-            self.LINK_COM_POS_1,
-            self.LINK_COM_POS_2,
-        )
+        m1, m2, l1 = self.LINK_MASS_1, self.LINK_MASS_2, self.LINK_LENGTH_1
+        lc1, lc2 = self.LINK_COM_POS_1, self.LINK_COM_POS_2
         g, moi, cos2, sin2 = self.gravity, self.LINK_MOI, cos(theta2), sin(theta2)
         d1 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * cos2) + moi + moi
         d2 = m2 * (lc2**2 + l1 * lc2 * cos2) + moi
@@ -91,16 +83,16 @@ class Acrobot(AcrobotEnv):
 
 
 def wrap(angle):
-    """The same angle in [−π, π], at once however many turns it has."""
+    """The same angle in [−π, π], in one step for any number of turns."""
     if -pi <= angle <= pi:
         return angle
-    # exact: a few turns taken off one by one leave the same bits, but 1e17 − 2π is 1e17
+    # fmod is exact; subtracting turns one by one gives the same bits, but 1e17 − 2π is 1e17
     rest = fmod(angle, 2 * pi)
     return rest - copysign(2 * pi, rest) if abs(rest) > pi else rest + 0.0  # −2π goes to 0, not −0
 
 
 def _chosen(options, action):
-    """The option that the action stands for; UsageError if there is none."""
+    """The option with the number of the action; UsageError if there is none."""
     if action not in range(len(options)):  # options[−1] would be the last one
         raise UsageError(
             f"action must be a whole number from 0 to {len(options) - 1}, not {action!r}"
@@ -150,7 +142,7 @@ gymnasium.register(
 def set_cartpole(env, gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=1.0):
     """Gravity, masses of cart and pole, length of the pole, force of a push.
 
-    total_mass and polemass_length follow.
+    total_mass and polemass_length follow from them.
     """
     env.gravity = CARTPOLE.gravity * gravity
     env.masscart = CARTPOLE.masscart * cart_mass
@@ -175,15 +167,12 @@ def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
     pivot. It is stated in angles, so it scales with the links.
     """
     env.gravity = Acrobot.gravity * gravity
-    env.LINK_MASS_1, env.LINK_MASS_2 = Acrobot.LINK_MASS_1 * mass, Acrobot.LINK_MASS_2 * mass
-    env.LINK_LENGTH_1, env.LINK_LENGTH_2 = (
-        Acrobot.LINK_LENGTH_1 * length,
-        Acrobot.LINK_LENGTH_2 * length,
-    )
-    env.LINK_COM_POS_1, env.LINK_COM_POS_2 = (
-        Acrobot.LINK_COM_POS_1 * length,
-        Acrobot.LINK_COM_POS_2 * length,
-    )
+    env.LINK_MASS_1 = Acrobot.LINK_MASS_1 * mass
+    env.LINK_MASS_2 = Acrobot.LINK_MASS_2 * mass
+    env.LINK_LENGTH_1 = Acrobot.LINK_LENGTH_1 * length
+    env.LINK_LENGTH_2 = Acrobot.LINK_LENGTH_2 * length
+    env.LINK_COM_POS_1 = Acrobot.LINK_COM_POS_1 * length
+    env.LINK_COM_POS_2 = Acrobot.LINK_COM_POS_2 * length
     env.LINK_MOI = Acrobot.LINK_MOI * mass * length**2
     env.AVAIL_TORQUE = [stock * torque for stock in Acrobot.AVAIL_TORQUE]
 
@@ -191,9 +180,9 @@ def set_acrobot(env, gravity=1.0, mass=1.0, length=1.0, torque=1.0):
 def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     """Gravity, mass of every body, sliding friction of every surface.
 
-    Inertia scales with mass, as it would with density. What MuJoCo derives from the masses follows.
-    A contact uses the larger friction of its two surfaces. The foot has twice the floor's, so the
-    floor's alone would change nothing.
+    Inertia scales with mass, as it would with density. What MuJoCo derives from them is updated.
+    A contact uses the larger friction of its two surfaces. The foot has twice the floor's, so a
+    change of the floor's alone would have no effect.
     """
     import mujoco
 
@@ -204,21 +193,20 @@ def set_hopper(env, gravity=1.0, mass=1.0, friction=1.0):
     model.geom_friction[:, 0] = stock.geom_friction[:, 0] * friction
     # on scratch data: with env.data it would move the hopper
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    # MuJoCo derives these two only when it compiles; the contact solver's tolerance is relative to
-    # the second
+    # MuJoCo computes these two only when it compiles; the solver's tolerance scales with the last
     model.stat.meanmass = stock.stat.meanmass * mass
     model.stat.meaninertia = model.dof_M0.mean()
 
 
 def hopper(**options):
-    """Gymnasium's Hopper. Unless it is drawn, MUJOCO_GL may name a renderer that is missing.
+    """Gymnasium's Hopper; unless it is rendered, MUJOCO_GL may name a missing renderer.
 
     MuJoCo is imported here: only Hopper needs it, and it takes as long as all other imports.
     """
     renderer = os.environ.get("MUJOCO_GL", "")
     try:
         import mujoco
-    except Exception:  # of a kind that depends on the renderer
+    except Exception:  # its type depends on the renderer
         if options.get("render_mode"):
             raise
         os.environ["MUJOCO_GL"] = "off"
@@ -232,7 +220,7 @@ def hopper(**options):
 
 @cache
 def _stock_hopper(path):
-    """The stock model of an XML file, never changed; compiled when first needed."""
+    """The stock model of an XML file, compiled when first needed and never changed."""
     import mujoco
 
     return mujoco.MjModel.from_xml_path(path)

@@ -1,7 +1,7 @@
-"""Every picture, drawn from stored rows. Nothing here computes more than it shows.
+"""Every figure, drawn from stored rows. Nothing here computes more than it shows.
 
-Pictures look the same everywhere: Matplotlib's own defaults hold, whatever the user's matplotlibrc
-says, and no window is ever opened.
+Figures look the same everywhere: they use Matplotlib's defaults, not the user's matplotlibrc. No
+window is opened.
 """
 
 import io
@@ -26,7 +26,7 @@ from .stats import Rows
 
 @contextmanager
 def _any_backend() -> Iterator[None]:
-    """Import Matplotlib even where MPLBACKEND names no backend; one that is known still counts."""
+    """Import Matplotlib even if MPLBACKEND names an unknown backend; a known one still applies."""
     name = os.environ.pop("MPLBACKEND", None)
     first = "matplotlib" not in sys.modules
     yield
@@ -45,16 +45,16 @@ with _any_backend():
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-SMOOTHING = 15  # episodes of the trailing mean that is drawn
+SMOOTHING = 15  # episodes in the trailing mean
 FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
 
 Look = dict[str, Any]
 
-# Looks: sizes in inches, points and shares of the axes; greys, and how much shows through.
+# Looks: sizes in inches, points and fractions of the axes; greys and opacities.
 plain = partial(style.context, "default")
 CURVES, PANEL, AFTER, FOREST, MAPS = (10.0, 5.0), (4.0, 2.6), (10.0, 6.5), (8.0, 0.45), (10.0, 5.2)
 NARROW, LINE_HEIGHT, ABOVE, BESIDE = 0.11, 0.055, 1.015, 1.01
-LANE, WIDTH = 0.12, 0.8  # of the longest regime; of the place that a regime has
+LANE, WIDTH = 0.12, 0.8  # of the longest regime; of the room for a regime
 GREY, DPI = "0.45", 120
 EPISODES: Look = dict(linestyle="", markersize=3, alpha=0.35, markeredgewidth=0)
 SEEDS: Look = dict(linestyle="", marker="o", markersize=6, alpha=0.45, markeredgewidth=0)
@@ -100,7 +100,7 @@ def learning_curves(runs: Mapping[str, Rows], config: Config, random_return: flo
         axes.set(xlabel="episode", ylabel="return")
         figure.suptitle(
             f"{LABELS[config.env]}, seed {config.seed}: episodes, and means of the last"
-            f" {SMOOTHING}; grey: not the stock physics",
+            f" {SMOOTHING}; grey: drifted physics",
             **TITLE,
         )
     return figure
@@ -129,11 +129,11 @@ def study_curves(
             axes.set_visible(False)
         for axes in panels[len(runs) - columns : len(runs)]:
             axes.tick_params(labelbottom=True)
-        figure.supxlabel("episode (grey: not the stock physics)", **LABEL)
+        figure.supxlabel("episode (grey: drifted physics)", **LABEL)
         figure.supylabel(f"return, mean of the last {SMOOTHING}", **LABEL)
         figure.suptitle(
             f"{LABELS[config.env]}: seeds (thin), their mean (thick), its 95 % bootstrap interval"
-            " (band);\nthe mean of DQN (dashed), the random policy (dotted)",
+            " (band);\nDQN's mean (dashed), the random policy (dotted)",
             **TITLE,
         )
     return figure
@@ -142,8 +142,8 @@ def study_curves(
 def adaptation(summaries: Mapping[str, Rows], config: Config) -> Figure:
     """Recovery and area after each drift of {agent: summaries}: every seed, and the medians.
 
-    A recovery that did not come has a place above all others. One that is undefined has none: the
-    number of such seeds stands at the top, and the median is that of the others.
+    A seed that never recovers is drawn above all others. A seed with nothing to lose is not drawn:
+    the number of such seeds stands at the top, and the median is over the others.
     """
     agents = [agent for agent in summaries if agent != "random"]
     longest = max(regime.end - regime.start for regime in config.regimes[1:])
@@ -159,7 +159,7 @@ def adaptation(summaries: Mapping[str, Rows], config: Config) -> Figure:
         above.axhline(never, **LEVEL)
         below.axhline(1, **LEVEL)
         below.axhline(0, **LEVEL)
-        above.set(ylabel="recovery, episodes", ylim=(0, (1 + 2 * LANE) * longest))
+        above.set(ylabel="recovery (episodes)", ylim=(0, (1 + 2 * LANE) * longest))
         ticks = [tick for tick in above.get_yticks() if tick <= longest]
         above.set_yticks([*ticks, never], [*(f"{tick:g}" for tick in ticks), "never"])
         below.set(ylabel="area (0: random, 1: as before)", xlim=(0.5, len(config.regimes) - 0.5))
@@ -206,8 +206,8 @@ def forest(summaries: Mapping[str, Rows], config: Config) -> Figure:
 def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
     """Q_{m−1} and Q_m (n, n, 3) over MountainCar's plane (watch.plane), and what the booster adds.
 
-    Above: the values max_a Q, and what is added to the action that Q_m prefers. Below: the greedy
-    actions, and where the booster changed them.
+    Top row: the values max_a Q, and what the booster adds to the greedy action of Q_m. Bottom row:
+    the greedy actions, and where the booster changes them.
     """
     greedy = after.argmax(-1)
     added = np.take_along_axis(after - before, greedy[..., None], -1)[..., 0]
@@ -219,11 +219,11 @@ def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
     changed: Look = dict(cmap="Greys", vmin=0, vmax=1)
     pictures = [
         (f"$\\mathrm{{max}}_a\\, Q_{{{m - 1}}}$", before.max(-1), value),
-        (f"$\\alpha\\, h_{{{m}}}$, at $Q_{{{m}}}$'s action", added, change),
+        (f"$\\alpha\\, h_{{{m}}}$, at $Q_{{{m}}}$'s greedy action", added, change),
         (f"$\\mathrm{{max}}_a\\, Q_{{{m}}}$", after.max(-1), value),
-        (f"greedy in $Q_{{{m - 1}}}$", before.argmax(-1), actions),
-        ("where that changed (black)", greedy != before.argmax(-1), changed),
-        (f"greedy in $Q_{{{m}}}$", greedy, actions),
+        (f"greedy action of $Q_{{{m - 1}}}$", before.argmax(-1), actions),
+        ("changed (black)", greedy != before.argmax(-1), changed),
+        (f"greedy action of $Q_{{{m}}}$", greedy, actions),
     ]
     with plain():
         figure = Figure(MAPS, layout="constrained")
@@ -236,7 +236,7 @@ def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
         for axes in panels[1]:
             axes.set_xlabel("position")
         for axes in panels[:, 0]:
-            axes.set_ylabel("velocity, per step")
+            axes.set_ylabel("velocity per step")
         named = zip(actions["cmap"].colors, ("left", "coast", "right"), strict=True)
         handles = [Patch(color=colour, label=name) for colour, name in named]
         figure.legend(handles=handles, ncols=3, **LEGEND)
@@ -244,7 +244,7 @@ def value_maps(before: np.ndarray, after: np.ndarray, m: int) -> Figure:
 
 
 def save(figure: Figure, path: Path | str) -> None:
-    """Write a figure as a PNG, atomically; its folder is made."""
+    """Write a figure as a PNG, atomically; a missing folder is made."""
     check_picture(path, ".png")
     picture = io.BytesIO()
     with plain():
@@ -287,13 +287,13 @@ def _after_drift(above: Axes, below: Axes, x: float, agent: str, rows: Rows, nev
 
 
 def _mark(agent: str) -> Line2D:
-    """What stands for an agent in a legend."""
+    """An agent's entry in a legend."""
     look = AGENTS[agent]
     return Line2D([], [], marker=look.mark, color=look.colour, label=look.label, **MEDIANS)
 
 
 def _mark_regimes(axes: Axes, config: Config) -> None:
-    """Shade the regimes whose physics are not the stock ones, and draw a line where one begins."""
+    """Shade the drifted regimes, and draw a line where a regime begins."""
     for regime in config.regimes:
         if regime.drifted:
             axes.axvspan(regime.start, regime.end, **SHADE)
@@ -303,7 +303,7 @@ def _mark_regimes(axes: Axes, config: Config) -> None:
 
 
 def _name_regimes(axes: Axes, config: Config) -> None:
-    """Say above each regime what is not as in the stock physics."""
+    """Write above each regime how its physics differ from the stock ones."""
     narrowest = min(regime.end - regime.start for regime in config.regimes) / config.episodes
     turned = 90 if narrowest < NARROW else 0
     place = axes.get_xaxis_transform()
@@ -317,7 +317,7 @@ def _name(regime: Regime) -> str:
 
 
 def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
-    """Names beside the right ends of curves, (name, colour, height) each, moved apart."""
+    """Write names beside the right ends of curves, (name, colour, height) each, moved apart."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high)
     heights = (np.array([height for _, _, height in ends]) - low) / (high - low)
@@ -326,7 +326,7 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
 
 
 def apart(heights: np.ndarray) -> np.ndarray:
-    """The heights, with overlapping neighbours moved apart by equal parts until a line fits in."""
+    """The heights, with overlapping neighbours moved apart equally until a line of text fits."""
     placed, order = heights.copy(), np.argsort(heights, kind="stable")
     for _ in range(100):
         for below, above in pairwise(order):

@@ -1,8 +1,8 @@
 """The settings of the experiments, {preset: {environment: settings}}, on the defaults of Config.
 
-GIVEN has what the paper gives. All else is ours: what the paper leaves open (D13), what a laptop
-needs (D14), without which nothing would be learnt (D17), drifts that cost something (D21), and
-drifts that come back (D22).
+GIVEN has the paper's values. The others are ours: values that the paper leaves open (D13), runs
+that suit a laptop (D14), runs long enough to learn (D17), drifts that cost something (D21), and
+drifts that recur (D22).
 """
 
 from typing import Any
@@ -27,7 +27,7 @@ GIVEN: dict[str, dict[str, Any]] = {
         epsilon_decay_steps=20_000,
     ),
     "mountaincar": dict(episodes=600, gamma=0.99),
-    "cartpole": {},  # mentioned in the conclusion, never shown
+    "cartpole": {},  # named in the conclusion, without settings or results
     "hopper": dict(
         episodes=500,
         gamma=0.99,
@@ -45,7 +45,7 @@ GIVEN: dict[str, dict[str, Any]] = {
         epsilon_decay_steps=100_000,
     ),
 }
-# In the schedules of `paper` the episodes and what drifts are the paper's, the factors are ours.
+# In the schedules of `paper`, what drifts and when is the paper's; the factors are ours.
 ACROBOT: dict[str, Any] = GIVEN["acrobot"] | dict(
     schedule=[
         {"episode": 150, "gravity": 1.5},
@@ -87,7 +87,7 @@ CARTPOLE: dict[str, Any] = GIVEN["cartpole"] | dict(
 )
 HOPPER: dict[str, Any] = GIVEN["hopper"] | dict(
     mix=0.3,
-    recency_rate=1e-4,  # a run ends with 14,000 transitions, of which recency then draws half
+    recency_rate=1e-4,  # recency draws half at a run's end, at 14,000 transitions
     schedule=[  # the paper's results leave out the friction
         {"episode": 100, "gravity": 1.3},
         {"episode": 200, "mass": 1.3},
@@ -97,7 +97,7 @@ HOPPER: dict[str, Any] = GIVEN["hopper"] | dict(
 )
 PAPER = {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT, "hopper": HOPPER}
 
-# Fewer episodes, and drifts that come as soon as there is something to forget.
+# Fewer episodes, with drifts as soon as there is something to forget.
 FAST_CARTPOLE: dict[str, Any] = dict(
     episodes=400,
     lr=1e-3,
@@ -140,14 +140,14 @@ LONG_HOPPER: dict[str, Any] = dict(
     learning_starts=1_000,
     epsilon_decay_steps=10_000,
     mix=0.1,
-    recency_rate=2e-5,  # remembers about a regime, and draws half at the end of a run, at 180,000
+    recency_rate=2e-5,  # spans about a regime; draws half at a run's end, at 180,000
     schedule=[entry | {"episode": 3 * entry["episode"]} for entry in HOPPER["schedule"]],
 )
 LONG = {"hopper": HOPPER | LONG_HOPPER}
 
-# Drifts that a policy which stays put does not survive, and that can be learnt.
+# Drifts that break a fixed policy and can be learnt.
 HARD_ACROBOT: dict[str, Any] = dict(
-    schedule=[  # a frozen policy loses 100 %, −40 % and 100 % of the span from random to trained
+    schedule=[  # cost a fixed policy 100 %, −40 % and 100 % of the gain from random to trained
         {"episode": 150, "torque": -1.0},
         {"episode": 250, "torque": 0.5},
         {"episode": 350, "gravity": 1.5, "torque": -1.0},
@@ -155,7 +155,7 @@ HARD_ACROBOT: dict[str, Any] = dict(
     ],
 )
 HARD_MOUNTAINCAR: dict[str, Any] = dict(
-    schedule=[  # here 100 %, 22 % and 100 % (seed 0)
+    schedule=[  # cost 100 %, 22 % and 100 % (seed 0)
         {"episode": 150, "force": -1.0},
         {"episode": 250, "gravity": 0.7},
         {"episode": 350, "gravity": 1.3, "force": -1.3},
@@ -165,77 +165,87 @@ HARD_MOUNTAINCAR: dict[str, Any] = dict(
 HARD = {"acrobot": ACROBOT | HARD_ACROBOT, "mountaincar": MOUNTAINCAR | HARD_MOUNTAINCAR}
 
 
-# Physics that come back: each drift costs at least half of the span and can be learnt.
+# Physics that recur: each drift costs at least half of the gain and can be learnt.
 def _recurring(factors: dict[str, float], *episodes: int) -> list[dict[str, Any]]:
-    """A schedule of these factors and the stock physics in turn."""
+    """A schedule that alternates between these factors and the stock physics."""
     return [
         {"episode": k} | ({"reset": True} if i % 2 else factors) for i, k in enumerate(episodes)
     ]
 
 
-HOPPER_HEAVY = {"gravity": 1.3, "mass": 1.3, "friction": 0.7}
+RECURRING_CARTPOLE: dict[str, Any] = dict(
+    episodes=600,
+    schedule=_recurring({"force": -1.0}, 300, 375, 450, 525),
+)
+RECURRING_MOUNTAINCAR: dict[str, Any] = dict(
+    episodes=650,
+    schedule=_recurring({"force": -1.0}, 250, 350, 450, 550),
+)
+RECURRING_ACROBOT: dict[str, Any] = dict(
+    episodes=650,
+    schedule=_recurring({"torque": -1.0}, 150, 250, 350, 450, 550),
+)
+RECURRING_HOPPER: dict[str, Any] = LONG_HOPPER | dict(
+    schedule=_recurring({"gravity": 1.3, "mass": 1.3, "friction": 0.7}, 500, 750, 1000, 1250),
+)
 RECURRING = {
-    "cartpole": CARTPOLE
-    | dict(episodes=600, schedule=_recurring({"force": -1.0}, 300, 375, 450, 525)),
-    "mountaincar": MOUNTAINCAR
-    | dict(episodes=650, schedule=_recurring({"force": -1.0}, 250, 350, 450, 550)),
-    "acrobot": ACROBOT
-    | dict(episodes=650, schedule=_recurring({"torque": -1.0}, 150, 250, 350, 450, 550)),
-    "hopper": HOPPER | LONG_HOPPER | dict(schedule=_recurring(HOPPER_HEAVY, 500, 750, 1000, 1250)),
+    "cartpole": CARTPOLE | RECURRING_CARTPOLE,
+    "mountaincar": MOUNTAINCAR | RECURRING_MOUNTAINCAR,
+    "acrobot": ACROBOT | RECURRING_ACROBOT,
+    "hopper": HOPPER | RECURRING_HOPPER,
 }
 
-# The same episodes, at which nothing changes.
+
+# A control: entries in the same episodes that change nothing.
+def _null(env: str, schedule: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{"episode": entry["episode"], FACTORS[env][0]: 1.0} for entry in schedule]
+
+
 NULL = {
-    env: preset
-    | dict(
-        schedule=[
-            {"episode": entry["episode"], FACTORS[env][0]: 1.0} for entry in preset["schedule"]
-        ]
-    )
-    for env, preset in RECURRING.items()
+    env: preset | dict(schedule=_null(env, preset["schedule"])) for env, preset in RECURRING.items()
 }
 
 
-# Other parameters, regimes of uneven length, and one drift that comes by degrees.
+# Other factors, regimes of uneven length, and one gradual drift.
 def _gradual(factor: str, first: int, values: tuple[float, ...]) -> list[dict[str, Any]]:
     return [{"episode": first + 10 * i, factor: value} for i, value in enumerate(values)]
 
 
+HELD_OUT_CARTPOLE: dict[str, Any] = dict(
+    episodes=620,
+    schedule=[
+        {"episode": 320, "force": -0.8},
+        {"episode": 390, "reset": True},
+        *_gradual("length", 440, (1.2, 1.4, 1.6, 1.8, 2.0)),
+        {"episode": 530, "force": -0.8, "length": 2.0},
+        {"episode": 570, "reset": True},
+    ],
+)
+HELD_OUT_MOUNTAINCAR: dict[str, Any] = dict(
+    episodes=650,
+    schedule=[
+        {"episode": 270, "force": -1.2},
+        {"episode": 340, "reset": True},
+        *_gradual("gravity", 420, (0.95, 0.9, 0.85, 0.8, 0.75)),
+        {"episode": 510, "force": -1.2, "gravity": 0.75},
+        {"episode": 590, "reset": True},
+    ],
+)
+HELD_OUT_ACROBOT: dict[str, Any] = dict(
+    episodes=650,
+    schedule=[
+        {"episode": 170, "torque": -0.8},
+        {"episode": 230, "reset": True},
+        *_gradual("gravity", 320, (1.1, 1.2, 1.3, 1.4, 1.5)),
+        {"episode": 440, "torque": -0.8, "gravity": 1.5},
+        {"episode": 520, "reset": True},
+        {"episode": 560, "torque": -0.8},
+    ],
+)
 HELD_OUT = {
-    "cartpole": CARTPOLE
-    | dict(
-        episodes=620,
-        schedule=[
-            {"episode": 320, "force": -0.8},
-            {"episode": 390, "reset": True},
-            *_gradual("length", 440, (1.2, 1.4, 1.6, 1.8, 2.0)),
-            {"episode": 530, "force": -0.8, "length": 2.0},
-            {"episode": 570, "reset": True},
-        ],
-    ),
-    "mountaincar": MOUNTAINCAR
-    | dict(
-        episodes=650,
-        schedule=[
-            {"episode": 270, "force": -1.2},
-            {"episode": 340, "reset": True},
-            *_gradual("gravity", 420, (0.95, 0.9, 0.85, 0.8, 0.75)),
-            {"episode": 510, "force": -1.2, "gravity": 0.75},
-            {"episode": 590, "reset": True},
-        ],
-    ),
-    "acrobot": ACROBOT
-    | dict(
-        episodes=650,
-        schedule=[
-            {"episode": 170, "torque": -0.8},
-            {"episode": 230, "reset": True},
-            *_gradual("gravity", 320, (1.1, 1.2, 1.3, 1.4, 1.5)),
-            {"episode": 440, "torque": -0.8, "gravity": 1.5},
-            {"episode": 520, "reset": True},
-            {"episode": 560, "torque": -0.8},
-        ],
-    ),
+    "cartpole": CARTPOLE | HELD_OUT_CARTPOLE,
+    "mountaincar": MOUNTAINCAR | HELD_OUT_MOUNTAINCAR,
+    "acrobot": ACROBOT | HELD_OUT_ACROBOT,
 }
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
@@ -258,7 +268,7 @@ def source(env: str, preset: str, name: str, value: object) -> str:
     >>> source("acrobot", "fast", "lr", 1e-3), source("acrobot", "fast", "episodes", 250)
     ('paper', 'ours (D14)')
     """
-    given = GIVEN[env] | {"alpha": 0.1}  # η_boost, which every agent of the paper has of its own
+    given = GIVEN[env] | {"alpha": 0.1}  # η_boost, the default of every agent in the paper
     if name in given and given[name] == value:
         return "paper"
     changed = PRESETS[preset][env].get(name) != PAPER[env].get(name)

@@ -1,11 +1,11 @@
-"""What decides a run beside its settings: the libraries, the machine's arithmetic, our own code.
+"""What determines a run besides its settings: the libraries, the machine's arithmetic, our code.
 
     versions = {"numpy": "2.4.6", "kernels": "e84b5f9692afa13e", …}
     code     = {"agent": "GBDQN", "nn": "3fb6e1a25c0d9b74", …}
 
-Code is what train and the agent's module import, down to nn. A module's fingerprint is of its
-syntax tree: formatting, comments and docstrings change nothing. Modules that only resolve settings
-are left out, since what they resolve to is compared: for the schedule that is the regimes.
+`code` covers what train and the agent's module import, down to nn. A fingerprint hashes a module's
+syntax tree, so formatting, comments and docstrings do not count. Modules that only resolve settings
+are left out. Their results are compared instead: for the schedule, the regimes.
 """
 
 import ast
@@ -24,7 +24,7 @@ from .config import Config
 from .train import THREADS
 
 RESOLVED = {"agents", "config", "presets", "schedule"}
-# read now: who edits a module that is imported already still runs the old one
+# read on import, because a module that is edited later still runs as it was
 SOURCES = {path.stem: path.read_bytes() for path in Path(__file__).parent.glob("*.py")}
 
 Provenance = dict[str, dict[str, str]]
@@ -36,7 +36,7 @@ def of(config: Config) -> Provenance:
 
 
 def changes(before: Provenance, now: Provenance) -> list[str]:
-    """What differs, like "numpy 2.4.5 → 2.4.6"."""
+    """The differences, like "numpy 2.4.5 → 2.4.6"."""
     if not before["code"]:
         return ["its code is not on record"]
     old, new = ({**each["versions"], **each["code"]} for each in (before, now))
@@ -48,7 +48,7 @@ def changes(before: Provenance, now: Provenance) -> list[str]:
 
 
 def versions() -> dict[str, str]:
-    """The versions that decide a run; MuJoCo's without importing it, which takes long."""
+    """The versions that determine a run; MuJoCo's is found without importing it, which is slow."""
     return {
         "gbdqn_ref": __version__,
         "python": platform.python_version(),
@@ -60,7 +60,7 @@ def versions() -> dict[str, str]:
 
 
 def kernels() -> str:
-    """A hash of what NumPy's kernels compute here: their last bits depend on the processor."""
+    """A hash of results of NumPy's kernels, whose last bits depend on the processor."""
     x = np.random.default_rng(0).normal(size=(64, 129)).astype(np.float32)
     with THREADS.limit(limits=1):
         products = [x.T @ x, x[:, :7] @ x[:7, :3], x[:1] @ x.T]
@@ -69,7 +69,7 @@ def kernels() -> str:
 
 
 def code(config: Config) -> dict[str, str]:
-    """The agent's class, and a fingerprint of the regimes and of each module that decides a run."""
+    """The agent's class, and fingerprints of the regimes and of each module that the run uses."""
     make = AGENTS[config.agent].make
     found, new = set(), {"train", make.__module__.rpartition(".")[2]} & SOURCES.keys()
     while new:
@@ -81,7 +81,7 @@ def code(config: Config) -> dict[str, str]:
 
 
 def fingerprint(source: bytes) -> str:
-    """A hash of what the source does, whatever it looks like and says of itself.
+    """A hash of the source that ignores formatting, comments and docstrings.
 
     >>> fingerprint(b"def f(x): return x  # as it is") == fingerprint(b"def f( x ):\\r\\n return x")
     True

@@ -40,7 +40,7 @@ def mixed_priority(p_td, p_time, mix):
 def importance_weights(probabilities, n, is_exponent, normalise="batch"):
     """w = (1 / (N P))^β, divided by the batch's largest weight if normalise is "batch".
 
-    (B,) → (B,). "batch" is the paper's; None divides by nothing. Only exponent 1 without
+    (B,) → (B,). "batch" is the paper's; None leaves them as they are. Only exponent 1 without
     normalisation makes the weighted mean unbiased.
 
     >>> importance_weights(np.array([0.8, 0.2]), 2, 1.0).tolist()
@@ -53,7 +53,7 @@ def importance_weights(probabilities, n, is_exponent, normalise="batch"):
 
 
 class UniformReplay:
-    """A ring of the last `capacity` transitions, each as likely as any other.
+    """A ring of the last `capacity` transitions, drawn uniformly.
 
     slot:   0    1    2    3    4          capacity 5 after 7 transitions (0 … 6):
           | t5 | t6 | t2 | t3 | t4 |       the next one goes to slot 2,
@@ -79,17 +79,12 @@ class UniformReplay:
         self.first = max(self.first, self.added - n)
 
     def add(self, s, a, r, s2, terminated):
-        """Store a transition, over the oldest one if the ring is full; returns its slot."""
-        if a < 0:  # as an index it would be one of the last actions
-            raise ValueError(f"an action is a whole number from 0 on, not {a}")
+        """Store a transition, in place of the oldest if the ring is full; returns its slot."""
+        if a < 0:  # as an index it would select one of the last actions
+            raise ValueError(f"an action must be a non-negative whole number, not {a}")
         slot = self.added % self.capacity
-        self.s[slot], self.a[slot], self.r[slot], self.s2[slot], self.terminated[slot] = (
-            s,
-            a,
-            r,
-            s2,
-            terminated,
-        )
+        self.s[slot], self.a[slot], self.r[slot] = s, a, r
+        self.s2[slot], self.terminated[slot] = s2, terminated
         self.added += 1
         return slot
 
@@ -115,7 +110,7 @@ class UniformReplay:
         return _divisor(len(self), len(self))
 
     def update_priorities(self, index, delta):
-        """Take the TD errors (B,) of the transitions in these slots; not used here."""
+        """Take the TD errors (B,) of the transitions in these slots; uniform replay needs none."""
 
     def check_valid(self):
         """Raise AssertionError unless the ring is consistent."""
@@ -126,11 +121,11 @@ class UniformReplay:
 
 
 class SumTree:
-    """Non-negative numbers; their sum, and a draw in proportion to them, cost O(log N).
+    """Non-negative numbers, whose sum and a draw in proportion to them cost O(log N).
 
     Each number of a level is the sum of FAN numbers below it. The last level has at most TOP
-    numbers. There are few levels, and wide ones, because NumPy's cost is the number of calls. Drawn
-    here with FAN = TOP = 4; the code has 32 and 2,048:
+    numbers. The levels are few and wide, since the cost is NumPy's cost per call. The picture has
+    FAN = TOP = 4; the code has 32 and 2,048:
 
         levels[1]      10           26
         levels[0]   1 2 3 4      5 6 7 8     u = 17: 17 ≥ 10, so right, 7 left: 5 ≤ 7 < 11, leaf 5
@@ -164,9 +159,9 @@ class SumTree:
             above[index] = below.reshape(-1, self.FAN)[index].sum(-1)
 
     def find(self, u):
-        """The leaf in which each u (B,) in [0, total) falls, with the leaves laid end to end.
+        """The leaf into which each u (B,) in [0, total) falls, with the leaves laid end to end.
 
-        Never an empty leaf.
+        An empty leaf is never found.
         """
         *lower, top = self.levels
         edges = np.zeros(len(top) + 1)  # where each number begins, and where the last one ends
@@ -188,7 +183,7 @@ class SumTree:
 class ProportionalReplay(UniformReplay):
     """Proportional prioritized replay: P(i) = p^TD_i / Σ p^TD, w_i = (N P(i))^−is_exponent.
 
-    A new transition gets the largest priority seen so far, so that it is drawn soon (D4).
+    A new transition gets the largest priority so far, so it is drawn soon (D4).
     """
 
     def __init__(
@@ -259,7 +254,7 @@ class ProportionalReplay(UniformReplay):
 
 
 def _divisor(total, n):
-    """Σp of n priorities; an error where P = p / Σp is undefined."""
+    """Σp of n priorities, or an error if P = p / Σp is undefined."""
     if not n:
         raise ValueError("the buffer is empty: store a transition before drawing one")
     if total == 0:
@@ -274,8 +269,8 @@ def _divisor(total, n):
 class RecencyReplay(ProportionalReplay):
     """GB-DQN's replay: P(i) = p_i / Σp, p_i = β p^TD_i + (1 − β) exp(−α age_i)  (Eqs. 10–11).
 
-    Eq. 10 is a mixture, so a draw has two stages. With probability λ it is made in proportion to
-    p^TD. Otherwise an age is drawn, in closed form, from the truncated geometric distribution:
+    Eq. 10 is a mixture, so a draw has two stages. With probability λ it is proportional to p^TD.
+    Otherwise an age is drawn, in closed form, from the truncated geometric distribution:
 
         λ = β S_TD / (β S_TD + (1 − β) S_time)      S_time = (1 − e^{−αN}) / (1 − e^{−α})
         age = ⌊−log(1 − u (1 − e^{−αN})) / α⌋       u uniform in [0, 1)

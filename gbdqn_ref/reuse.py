@@ -1,29 +1,29 @@
-"""For physics that come back: stored stages of Q compete after each drift, and the best goes on."""
+"""For physics that recur: after each drift stored stages of Q compete, and the best continues."""
 
 import numpy as np
 
 from .gbdqn import GBDQN
 
 SHELF = 3  # stages that compete
-PATIENCE, WINDOW = 50, 10  # episodes until an agent should have recovered, and of its mean return
+PATIENCE, WINDOW = 50, 10  # episodes allowed for recovery, and in the mean return
 
 
 class ReuseGBDQN(GBDQN):
     """GB-DQN whose stages Q_1, …, Q_m compete when the physics change.
 
-    What has been learnt is frozen and put on a shelf. Each of the last three stages there plays one
-    episode; the best goes on, with a new booster on top of it. Where the mean return stays below
-    the middle between the worst return and the level before the change, they compete again after
-    50 episodes. With a warm start this is DQN that stores and reuses its networks.
+    The current Q is frozen and put on a shelf. Each of the last three stages on it plays one
+    episode; the best continues, with a new booster on top. They compete again after 50 episodes if
+    the mean return is then below the midpoint between the worst return and the mean before the
+    change. With a warm start this is DQN that stores and reuses its networks.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
         super().__init__(state_dim, n_actions, config, rng)
         self.shelf = np.empty(0, int)  # stages, the newest last
-        self.returns = np.empty(0)  # of the trial episodes so far, the newest stage first
+        self.returns = np.empty(0)  # of the trials so far, the newest stage first
         self.on_trial = False
         self.recent = np.empty(0)  # returns since the last change, at most PATIENCE
-        self.worst, self.before = np.inf, -np.inf  # the worst return, the level before the change
+        self.worst, self.before = np.inf, -np.inf  # the worst return, the mean before the change
 
     def act(self, s, greedy=False):
         if self.on_trial and not greedy:
@@ -32,7 +32,7 @@ class ReuseGBDQN(GBDQN):
         return super().act(s, greedy)
 
     def on_drift(self, event, fresh=0):
-        """Freeze what has been learnt and let the stages compete, at "drift" and "reset" alike."""
+        """Freeze the current Q and let the stages compete, at a drift and at a reset."""
         if len(self.recent) and self._recovered():
             self.before = self.recent[-WINDOW:].mean()
         super().on_drift("drift" if event == "reset" else event, fresh)
@@ -41,9 +41,7 @@ class ReuseGBDQN(GBDQN):
         self.on_trial = len(self.shelf) > 1
 
     def end_episode(self, total, td_error):
-        """Note how a stage on trial did; once all have played, the best goes on, of equals the
-        newest.
-        """
+        """Record a return; after the last trial the best stage continues, the newest of equals."""
         self.worst = min(self.worst, total)
         if not self.on_trial:
             self.recent = np.append(self.recent, total)[-PATIENCE:]
@@ -62,11 +60,11 @@ class ReuseGBDQN(GBDQN):
     def _choose(self):
         self.on_trial, best = False, self.shelf[-1 - self.returns.argmax()]
         if best < len(self.ensemble) - 1:
-            self.shelf = self.shelf[self.shelf != best]  # it returns, as what it becomes, later
-            self._go_on_from(best)
+            self.shelf = self.shelf[self.shelf != best]  # its successor joins later
+            self._continue_from(best)
 
-    def _go_on_from(self, k):
-        """Go on from stage k, with a new booster on top of it."""
+    def _continue_from(self, k):
+        """Continue from stage k, with a new booster on top."""
         slots = self.replay.slots()
         self.theta, self.theta_target = self.ensemble.theta[[k, k]]
         self.ensemble.use(k, self._carried())

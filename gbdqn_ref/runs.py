@@ -1,13 +1,13 @@
-"""A run's folder: what is in it, how it is written, and how a run goes on after it was killed.
+"""A run's folder: what is in it, how it is written, and how a killed run continues.
 
-    config.json      the settings, and the libraries and the code that the run was made with
+    config.json      the settings, and the versions of the libraries and of the code
     episodes.csv     one line per episode, written as it ends
     checkpoint.npz   the whole agent, at most ten seconds old
     summary.json     the table per regime, when the run is complete
-    curve.png        the learning curve with its drifts, likewise
+    curve.png        the learning curve and the drifts, when the run is complete
 
-No file depends on the clock: killed and resumed, a run ends with the same bytes as one that was
-left alone. docs/promises.md has all that a folder promises.
+No file depends on the clock: a run that was killed and resumed ends with the same bytes as one that
+was not. docs/promises.md lists all promises.
 """
 
 import sys
@@ -55,7 +55,7 @@ CHECKPOINT_SECONDS = 10
 RUN = {"env": (str,), "agent": (str,), "seed": (int,), "episodes": (int,)}
 MADE_WITH = {"versions": (dict,), "code": (dict,)}
 CONFIG_FILE = MADE_WITH | {"config": RUN, "own": (dict,), "continued": [MADE_WITH]}
-UNRECORDED: dict = {"own": {}, "versions": {}, "code": {}, "continued": []}  # in an older run
+UNRECORDED: dict = {"own": {}, "versions": {}, "code": {}, "continued": []}  # in older runs
 MAYBE = (*NUMBER, type(None))
 REGIME = {
     "regime": (int,),
@@ -81,9 +81,9 @@ def train(
 ) -> dict[str, Any]:
     """Train into the folder `out`, showing progress; returns its summary.
 
-    Without resume the folder must be new or empty. With it, a run that was killed goes on from its
-    checkpoint, and a complete one is only read. It goes on under other libraries or other code only
-    where `accept` says so, and then config.json says so too.
+    Without resume the folder must be new or empty. With it, a killed run continues from its
+    checkpoint, and a complete run is only read. With other libraries or other code a run continues
+    only if `accept` is true, and config.json then records the change.
     """
     out = Path(out)
     if resume:
@@ -101,15 +101,15 @@ def train(
 
 
 def _complete(config: Config, out: Path, resume: bool, quiet: bool, accept: bool) -> None:
-    """Bring a run to its end, from its checkpoint or its beginning."""
-    agent, first = _new_agent(config), 0  # first of all: it may not fit into memory
+    """Train a run to its end, from its checkpoint or from the start."""
+    agent, first = _new_agent(config), 0  # first, because it may not fit into memory
     if (out / "checkpoint.npz").exists():
         first = checkpoint.load(out / "checkpoint.npz", agent)
     changed = changes(out) if resume else []
     if changed and not accept:
         raise UsageError(
             f"the run in {out} was made with other versions ({', '.join(changed)}); go back to"
-            " those, or let it go on under these with --accept-versions"
+            " them, or continue with --accept-versions"
         )
     if not resume:
         _write_config(config, out)
@@ -125,7 +125,7 @@ def _complete(config: Config, out: Path, resume: bool, quiet: bool, accept: bool
 
 
 def _write_episodes(config: Config, agent: Any, first: int, out: Path, quiet: bool) -> None:
-    """Append a line per episode, with a checkpoint now and then.
+    """Append a line per episode, and save a checkpoint every few seconds.
 
     The lines are on disk before the checkpoint that counts them.
     """
@@ -152,7 +152,7 @@ def _line(record: Record) -> bytes:
 
 
 def _progress(record: Record) -> dict[str, Any]:
-    """What the bar shows of the last episode."""
+    """What the progress bar shows of the last episode."""
     return {
         "return": f"{record['return']:.0f}",
         "ε": f"{record['epsilon']:.2f}",
@@ -161,10 +161,11 @@ def _progress(record: Record) -> dict[str, Any]:
 
 
 def summarise(
-    config: Config, agent: Any, records: Sequence[Record], level: float
+    config: Config, agent: Any, records: Sequence[Record], random: float
 ) -> dict[str, Any]:
-    """The contents of summary.json; `evaluation` has a row after each regime, a column for each it
-    is evaluated in.
+    """The contents of summary.json.
+
+    `evaluation` has a row per regime, at whose end it was made, and a column per regime evaluated.
     """
     summary = {
         "env": config.env,
@@ -173,8 +174,8 @@ def summarise(
         "episodes": len(records),
         "steps": records[-1]["steps"],
         "final_return": stats.final_return([record["return"] for record in records]),
-        "random_return": level,
-        "regimes": stats.regime_table(records, level),
+        "random_return": random,
+        "regimes": stats.regime_table(records, random),
         "evaluation": [record["evaluation"] for record in records if record["evaluation"]],
     }
     if isinstance(agent.replay, RecencyReplay):
@@ -188,11 +189,11 @@ def random_return(config: Config, episodes: int = 20) -> float:
     return float(evaluate(agent, drift.make(config.env), episodes, seed=0).mean())
 
 
-def _draw(config: Config, level: float, out: Path) -> None:
-    """curve.png; a picture that fails is told in one line, and costs nothing else."""
+def _draw(config: Config, random: float, out: Path) -> None:
+    """Draw curve.png; a failure is reported in one line and has no other effect."""
     records, path = read_episodes(out), out / "curve.png"
     try:
-        plots.save(plots.learning_curves({config.agent: records}, config, level), path)
+        plots.save(plots.learning_curves({config.agent: records}, config, random), path)
     except Exception as e:  # LaTeX, fonts, a full disk: each fails in its own way
         reason = f"{type(e).__name__}: {e}".splitlines()[0]
         print(
@@ -202,14 +203,14 @@ def _draw(config: Config, level: float, out: Path) -> None:
         )
 
 
-# --- beginning and going on -----------------------------------------------------------------------
+# --- starting and continuing ----------------------------------------------------------------------
 
 
-def changes(out: Path | str) -> list[str]:
-    """What decides a run and differs from what the run in a folder was last made with."""
-    content = _read_config_file(out)
+def changes(folder: Path | str) -> list[str]:
+    """How today's versions differ from those that last worked on the run in a folder."""
+    content = _read_config_file(folder)
     before = [content, *content["continued"]][-1]
-    return provenance.changes(before, provenance.of(read_config(out)))
+    return provenance.changes(before, provenance.of(read_config(folder)))
 
 
 def _new_agent(config: Config) -> Any:
@@ -222,18 +223,18 @@ def _new_agent(config: Config) -> Any:
 
 
 def _check_settings(config: Config, out: Path) -> None:
-    """The run in the folder has these settings; those that it does not know have their defaults."""
+    """UsageError if the run in the folder has other settings; missing ones are the defaults."""
     before, now = (each.resolved().to_dict() for each in (read_config(out), config))
     other = [f"{name}={short(before[name])}" for name in now if before[name] != now[name]]
     if other:
         raise UsageError(
-            f"the run in {out} has other settings ({', '.join(other)}); leave them out to resume"
+            f"the run in {out} has other settings ({', '.join(other)}); give none to resume"
             " it, or choose another --out"
         )
 
 
 def _check_empty(out: Path) -> None:
-    """What a crash left half-written does not count."""
+    """UsageError if the folder has files, other than those half-written in a crash."""
     if any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(
             f"{out} is not empty; choose another --out, or continue the run in it with --resume"
@@ -241,14 +242,14 @@ def _check_empty(out: Path) -> None:
 
 
 def _check_summary(config: Config, summary: dict[str, Any], out: Path) -> None:
-    """config.json and summary.json are of one run."""
-    meant: dict[str, Any] = {key: getattr(config, key) for key in RUN}
-    meant["regimes"] = list(range(len(config.regimes)))
-    told = {key: summary[key] for key in RUN}
-    told["regimes"] = [row["regime"] for row in summary["regimes"]]
-    if told != meant:
+    """UsageError if config.json and summary.json are of two runs."""
+    expected: dict[str, Any] = {key: getattr(config, key) for key in RUN}
+    expected["regimes"] = list(range(len(config.regimes)))
+    found = {key: summary[key] for key in RUN}
+    found["regimes"] = [row["regime"] for row in summary["regimes"]]
+    if found != expected:
         raise UsageError(
-            f"{out} is damaged: config.json describes {meant}, summary.json {told}; restore them"
+            f"{out} is damaged: config.json has {expected}, summary.json {found}; restore them"
         )
 
 
@@ -259,20 +260,20 @@ def _write_config(config: Config, out: Path) -> None:
 
 
 def _record_change(config: Config, first: int, out: Path) -> None:
-    """config.json says from which episode on which versions made the run."""
+    """Record in config.json the versions that make the run from this episode on."""
     content = _read_config_file(out)
     entry = {"episode": first} | provenance.of(config)
     write_json(out / "config.json", content | {"continued": [*content["continued"], entry]})
 
 
 def _cut(path: Path, episodes: int) -> None:
-    """Bring episodes.csv back to the first so many episodes, since the run goes on from there."""
-    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []  # the whole ones
+    """Cut episodes.csv to the first so many episodes, after which the run continues."""
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []  # complete lines
     kept = lines[: episodes + 1] if episodes else [HEADER]
     if len(_parse(path, kept)) < episodes:
         raise UsageError(
-            f"{path} does not hold the {episodes} episodes that the checkpoint beside it has seen;"
-            " restore it, or delete checkpoint.npz to start anew"
+            f"{path} has fewer than the {episodes} episodes of the checkpoint beside it; restore"
+            " it, or delete checkpoint.npz to start again"
         )
     write_atomically(path, lambda file: file.write(b"\n".join(kept) + b"\n"))
 
@@ -280,72 +281,67 @@ def _cut(path: Path, episodes: int) -> None:
 # --- reading --------------------------------------------------------------------------------------
 
 
-def _read_config_file(out: Path | str) -> dict[str, Any]:
-    """config.json, with nothing on record where an older run has nothing."""
-    path = Path(out) / "config.json"
+def _read_config_file(folder: Path | str) -> dict[str, Any]:
+    """config.json as a dict; what an older run did not record is empty."""
+    path = Path(folder) / "config.json"
     if not path.exists():
-        raise UsageError(f"there is no run in {out} (no config.json); start one without --resume")
+        raise UsageError(
+            f"there is no run in {folder} (no config.json); start one without --resume"
+        )
     content = UNRECORDED | read_json(path, config=RUN)
     with undamaged(path):
         check_shape(content, CONFIG_FILE, "it")
     return content
 
 
-def read_config(out: Path | str) -> Config:
+def read_config(folder: Path | str) -> Config:
     """The Config of the run in a folder.
 
-    A setting that is the agent's own is None, unless the agent has another one today.
+    The agent's own settings are None, unless the agent's values have changed since.
     """
-    content = _read_config_file(out)
-    with undamaged(Path(out) / "config.json"):
+    content = _read_config_file(folder)
+    with undamaged(Path(folder) / "config.json"):
         given = Config.from_dict(content["config"])
         made = Config.from_dict(content["config"] | content["own"])
     return given if given.resolved() == made.resolved() else made
 
 
-def read_agent(out: Path | str) -> tuple[Config, Any]:
-    """(Config, agent) of the run in a folder, as its last checkpoint has it."""
-    config, path = read_config(out), Path(out) / "checkpoint.npz"
+def read_agent(folder: Path | str) -> tuple[Config, Any]:
+    """(Config, agent) of the run in a folder, from its last checkpoint."""
+    config, path = read_config(folder), Path(folder) / "checkpoint.npz"
     agent = _new_agent(config)
     if not path.exists():
         raise UsageError(
-            f"the run in {out} has no checkpoint.npz yet; let it go on with train --resume"
+            f"the run in {folder} has no checkpoint.npz yet; continue it with train --resume"
         )
     checkpoint.load(path, agent)
     return config, agent
 
 
-def read_summary(out: Path | str) -> dict[str, Any]:
+def read_summary(folder: Path | str) -> dict[str, Any]:
     """summary.json as a dict."""
-    path = Path(out) / "summary.json"
+    path = Path(folder) / "summary.json"
     summary = read_json(path, **SUMMARY)
-    with undamaged(path):  # only a replay with recency has a share of it
+    with undamaged(path):  # only a replay with recency has this share
         check_shape(summary.get("recency_share_of_replay", 0), NUMBER, "its recency share")
     return summary
 
 
-def read_episodes(out: Path | str) -> list[Record]:
+def read_episodes(folder: Path | str) -> list[Record]:
     """The records of episodes.csv, as train.run() yields them."""
-    path = Path(out) / "episodes.csv"
+    path = Path(folder) / "episodes.csv"
     return _parse(path, path.read_bytes().splitlines())
 
 
 def _parse(path: Path, lines: Sequence[bytes]) -> list[Record]:
-    """Records from the lines of an episodes.csv; UsageError names the line that is not as it should
-    be.
-    """
+    """The records in the lines of an episodes.csv; UsageError names a damaged line."""
     if not lines or lines[0] != HEADER:
         raise UsageError(f"{path} is damaged: its first line should read {HEADER.decode()}")
     records: list[Record] = []
     for k, line in enumerate(lines[1:]):
         try:
-            values = line.decode().split(",")
-            records.append(
-                {
-                    name: kind(text)
-                    for (name, kind), text in zip(COLUMNS.items(), values, strict=True)
-                }
-            )
+            cells = zip(COLUMNS.items(), line.decode().split(","), strict=True)
+            records.append({name: kind(text) for (name, kind), text in cells})
             if records[k]["episode"] != k:
                 raise ValueError(f"episode {k} is missing")
         except ValueError as e:

@@ -21,18 +21,18 @@ FACTORS = {  # what may drift in each environment: factors on the stock constant
     "acrobot": ("gravity", "mass", "length", "torque"),
     "hopper": ("gravity", "mass", "friction"),
 }
-LABELS = {  # how an environment is named in a title
+LABELS = {  # an environment's name in titles
     "cartpole": "CartPole",
     "mountaincar": "MountainCar",
     "acrobot": "Acrobot",
     "hopper": "Hopper",
 }
 SIGNED = {"force", "torque"}  # a reversed actuator is a drift, a negative mass is a mistake
-LEAST, MOST = 0.01, 100.0  # of a factor's size; far beyond, an integrator overflows
+LEAST, MOST = 0.01, 100.0  # bounds on a factor's size; far beyond them integrators overflow
 
 
 class Regime(NamedTuple):
-    """The episodes from `start` to before `end` with one physics; `event` is what began it."""
+    """The episodes from `start` to `end` − 1, with the same physics; `event` began them."""
 
     start: int
     end: int | float
@@ -46,9 +46,9 @@ class Regime(NamedTuple):
 
 
 def regimes(env: str, schedule: list | tuple, episodes: int | float = inf) -> tuple[Regime, ...]:
-    """The regimes that a run of so many episodes meets, the first from episode 0 on.
+    """The regimes of a run of so many episodes; the first begins with episode 0.
 
-    UsageError where the schedule makes no sense.
+    UsageError if the schedule is invalid.
 
     >>> for regime in regimes("mountaincar", [{"episode": 5, "force": -1.0}], 8):
     ...     print(regime.start, regime.end, regime.factors, regime.event)
@@ -74,7 +74,7 @@ def regimes(env: str, schedule: list | tuple, episodes: int | float = inf) -> tu
 
 
 def _regime(env: str, entry: dict) -> Regime:
-    """The regime that one entry describes, its end left open."""
+    """The regime that one entry describes, with an open end."""
     if not isinstance(entry, dict):
         raise UsageError(
             f'a schedule entry must be like {{"episode": 9, "gravity": 1.5}}, not {short(entry)}'
@@ -84,7 +84,7 @@ def _regime(env: str, entry: dict) -> Regime:
     reset = entry.get("reset", False)
     if not is_count(episode):
         raise UsageError(
-            f"schedule entry {short(entry)} needs an 'episode', a whole number from 0 on"
+            f"schedule entry {short(entry)} needs an 'episode', a non-negative whole number"
         )
     if type(reset) is not bool or bool(factors) == reset:
         raise UsageError(
@@ -99,9 +99,7 @@ def _regime(env: str, entry: dict) -> Regime:
 
 def _check_factor(env: str, key: str, value: float) -> None:
     if key not in FACTORS[env]:
-        raise UsageError(
-            f"{env} has no {short(key)} that could drift; it has {', '.join(FACTORS[env])}"
-        )
+        raise UsageError(f"{env} has no factor {short(key)}; it has {', '.join(FACTORS[env])}")
     size = abs(value) if key in SIGNED and is_number(value) else value
     if not is_number(value) or not LEAST <= size <= MOST:
         sign = ", of either sign" if key in SIGNED else ""
@@ -117,7 +115,7 @@ def is_number(value: object) -> bool:
 
 
 def is_count(value: object) -> bool:
-    """Whether a value is a whole number from 0 on, NumPy's included, and not a bool."""
+    """Whether a value is a non-negative whole number, NumPy's included, and not a bool."""
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= 0
 
 

@@ -1,12 +1,12 @@
-"""What a learning curve says, and what several of them say together.
+"""Statistics of one learning curve, and of several together.
 
-Of one curve: its final return, and for each regime the mean return, the drop at its start, the
-recovery and the area. Of several curves, one per seed: interquartile mean, bootstrap interval,
-paired difference, forgetting.
+One curve: the final return; for each regime the mean return, the drop at its start, the recovery
+and the area. Several curves, one per seed: interquartile mean, bootstrap interval, paired
+difference, forgetting.
 
 Returns of different regimes are compared on one scale, level = (return − random) / (reference −
 random): 0 is the random policy, 1 the mean of the 20 episodes before the drift. (Percentages of the
-raw return would change sign where returns are negative.) Averages of nothing are refused.
+raw return would change sign where returns are negative.) The mean of no values is an error.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -94,8 +94,8 @@ def regime_table(records: Rows, random_return: float) -> list[dict[str, Any]]:
 def iqm(x: ArrayLike, axis: int = -1) -> Any:
     """Interquartile mean: the mean of the middle half of the sorted values.
 
-    2 ∫ F⁻¹(u) du from ¼ to ¾, where F⁻¹ is a step function. Of 5 values each fills a fifth: the
-    second and the fourth count by 3/4 of it (from 0.25 to 0.4), the third whole.
+    2 ∫ F⁻¹(u) du from ¼ to ¾, where F⁻¹ is a step function. Each of 5 values fills a fifth. The
+    second and the fourth count three quarters of it (0.25 to 0.4), the third all of it.
 
     >>> float(iqm(np.array([0.0, 1.0, 2.0, 3.0, 100.0])))
     2.0
@@ -123,9 +123,8 @@ def bootstrap_interval(
     """
     x = np.atleast_2d(_some(x))
     draws = rng.integers(x.shape[1], size=(resamples, *x.shape))
-    values = statistic(
-        np.take_along_axis(np.broadcast_to(x, draws.shape), draws, -1), axis=-1
-    ).mean(-1)
+    samples = np.take_along_axis(np.broadcast_to(x, draws.shape), draws, -1)
+    values = statistic(samples, axis=-1).mean(-1)
     low, high = np.quantile(values, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
 
@@ -136,7 +135,7 @@ def paired_difference(
     """(IQM of x − y, low, high) of two methods' results on the same seeds, (runs,) each."""
     x, y = np.asarray(x), np.asarray(y)
     if x.shape != y.shape or x.ndim != 1:
-        raise UsageError(f"a pair needs one result per seed from both, not {x.shape} and {y.shape}")
+        raise UsageError(f"pairs need one result per seed from both, not {x.shape} and {y.shape}")
     return (float(iqm(x - y)), *bootstrap_interval(x - y, rng, **options))
 
 
@@ -151,7 +150,7 @@ def same_seeds(runs: Rows, others: Rows) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mean_std(x: ArrayLike) -> tuple[float, float | None]:
-    """(mean, std) over runs, as in the paper's tables; the std has n − 1, and is None for one run.
+    """(mean, std) over runs, as in the paper's tables; the std divides by n − 1, None for one run.
 
     The paper leaves open whether its ± is over runs or episodes.
     """
@@ -160,7 +159,7 @@ def mean_std(x: ArrayLike) -> tuple[float, float | None]:
 
 
 def median_recovery(recoveries: Sequence[float | None]) -> float | None:
-    """Median recovery time, never (None) counting as infinite; None if the median is infinite."""
+    """Median recovery time, with never (None) as infinite; None if the median is infinite."""
     return _median([inf if time is None else time for time in recoveries])
 
 
@@ -183,17 +182,16 @@ def regime_medians(rows: Rows) -> dict[str, Any]:
 
 
 def forgetting(returns: ArrayLike) -> list[float]:
-    """What is lost of each regime but the last: its best evaluation minus the final one.
+    """For each regime but the last: the best evaluation in it minus the final one.
 
-    `returns` (R, R) are the evaluations after regime k, in regime j. Only those after regime j was
-    first met count.
+    `returns` (R, R) has the evaluation after regime k, in regime j, at [k, j]. Only k ≥ j counts.
     """
     returns = np.asarray(returns)
     return [float(returns[j:, j].max() - returns[-1, j]) for j in range(len(returns) - 1)]
 
 
 def _median(x: Sequence[float | None]) -> float | None:
-    """The median of numbers of which some may be infinite; None if it is infinite."""
+    """The median of numbers, some of them perhaps infinite; None if it is infinite."""
     median = float(np.median(_some(x)))
     return median if median < inf else None
 
@@ -211,8 +209,8 @@ def match_alarms(
 ) -> tuple[list[int], int, int]:
     """(delays, misses, false alarms) of a detector's alarms, both lists of episodes in order.
 
-    A drift is found by the first alarm in its first `within` episodes, with a delay of 1 if that is
-    the drift's own episode. Every alarm that finds no drift is false, also a second one.
+    The first alarm within `within` episodes of a drift finds it, with a delay of 1 if it comes in
+    the drift's own episode. Every other alarm is false, including a second one.
 
     >>> match_alarms([102, 130, 153], [100, 150, 200])
     ([3, 4], 1, 1)
@@ -229,9 +227,9 @@ def sign_flip_test(
     statistic: Callable[..., Any] = iqm,
     flips: int = 10_000,
 ) -> float:
-    """p of "the paired differences (n,) lie above the margin", one-sided, by random sign flips.
+    """One-sided p of "the paired differences (n,) exceed the margin", by random sign flips.
 
-    p = (1 + #{statistic of flipped ≥ statistic}) / (1 + flips). Exact where the differences are
+    p = (1 + #{statistic of flipped ≥ statistic}) / (1 + flips). Exact if the differences are
     symmetric about the margin under the null hypothesis.
 
     >>> round(sign_flip_test([1.0, 2.0, 3.0], np.random.default_rng(0), statistic=np.mean), 2)

@@ -1,13 +1,13 @@
-"""Many runs, {name: config}, each in a folder. A run that is complete is not repeated.
+"""Many runs, {name: config}, each in a folder. Complete runs are not repeated.
 
-    study.json       the settings that all runs share, and those in which each differs
+    study.json       the settings that all runs share, and those that differ
     NAME/            one run each, as runs.train() leaves it
     results.json     the same with the summaries of all runs, when all are complete
 
-Killed at any moment and started again, a study ends with the same bytes as one that was left alone.
+A study that was killed and started again ends with the same bytes as one that was not.
 
-A worker is a new Python that reads from its stdin one line, which says what to train. It is sent
-nothing more: its stdin ends when the process that started it is gone, and then it ends too.
+A worker is a new Python process. It reads one line from stdin, which describes its run. Nothing
+more is sent. Its stdin closes when the study's process is gone, and then the worker exits.
 """
 
 import json
@@ -38,14 +38,14 @@ from .stats import Rows
 MOST_RUNS, MOST_JOBS = 10_000, 1_000
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]{0,198}[A-Za-z0-9])?")
 EACH = ("agent", "seed", "replay")  # stated for each run, even if all agree
-PAUSE, GRACE = 0.1, 0.5  # seconds between two looks at the workers, and for them to stop in
+PAUSE, GRACE = 0.1, 0.5  # seconds between two polls of the workers, and for them to stop
 STOPPED = 130  # the exit status of a process that was asked to stop
 ASKED_TO_STOP = {STOPPED, -signal.SIGINT, -signal.SIGTERM}
 PROGRAM = "from gbdqn_ref import study; study.work()"
 
 
 def grid(configs: Mapping[str, Config], seeds: Sequence[int]) -> dict[str, Config]:
-    """Some agents, or some settings, on the same seeds: {"NAME-SEED": config}.
+    """Each agent, or each variant of the settings, on each seed: {"NAME-SEED": config}.
 
     >>> base = Config(env="acrobot", agent="dqn")
     >>> list(grid({"dqn": base, "linear": replace(base, hidden=())}, [3, 7]))
@@ -53,7 +53,7 @@ def grid(configs: Mapping[str, Config], seeds: Sequence[int]) -> dict[str, Confi
     """
     _check_size(len(configs) * len(seeds))
     if len(set(seeds)) < len(seeds):
-        raise UsageError(f"the seeds {short(list(seeds))} name one twice")
+        raise UsageError(f"a seed is named twice: {short(list(seeds))}")
     return {
         f"{name}-{seed}": replace(config, seed=seed)
         for seed in seeds
@@ -71,9 +71,9 @@ def run_study(
 ) -> dict[str, str]:
     """Train every {name: config} into out/NAME; {name: error} of the runs that failed.
 
-    Runs with the same seed meet the same starts. By default they work in `jobs` processes, which
-    stop with this one; an executor, like Dask's, takes their place. Runs of other versions are not
-    mixed with those of today unless `accept` says so.
+    Runs with the same seed meet the same starts. By default `jobs` processes train them and stop
+    with this one; an executor, like Dask's, takes their place. Runs of other versions are not mixed
+    with new ones unless `accept` is true.
     """
     out = Path(out)
     _check_size(len(configs))
@@ -100,7 +100,7 @@ def run_study(
 
 
 def complete(*arguments: Any, **options: Any) -> None:
-    """run_study(), or StudyError if not every run is complete then."""
+    """run_study() that raises StudyError unless every run is then complete."""
     errors = run_study(*arguments, **options)
     if errors:
         raise StudyError(errors)
@@ -112,18 +112,18 @@ def _check_size(count: int) -> None:
 
 
 def _check_names(configs: Mapping[str, Config]) -> None:
-    """UsageError unless each name can be a folder of its own on every system."""
+    """UsageError unless the names can be distinct folders on every system."""
     for name in configs:
         if not isinstance(name, str) or not NAME.fullmatch(name) or name.endswith(".json"):
             raise UsageError(
                 f"a run needs a name of letters, digits, '.', '_' and '-', not {short(name)}"
             )
     if len({name.lower() for name in configs}) < len(configs):
-        raise UsageError("two runs have names that only differ in upper and lower case")
+        raise UsageError("two runs have names that differ only in case")
 
 
 def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
-    """UsageError if the folder holds something else, other settings, or a run that is damaged."""
+    """UsageError if the folder holds something else, other settings, or a damaged run."""
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is not a folder; choose another --out")
     begun = [name for name in configs if (out / name / "config.json").exists()]
@@ -142,13 +142,13 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
 
 
 def _check_versions(configs: Mapping[str, Config], out: Path) -> None:
-    """UsageError if the folder holds runs of other versions than today's."""
+    """UsageError if the folder holds runs of other versions."""
     for name in configs:
         changed = runs.changes(out / name) if (out / name / "config.json").exists() else []
         if changed:
             raise UsageError(
                 f"{out / name} was made with other versions ({', '.join(changed)}); go back to"
-                " those, or train the others under these with --accept-versions"
+                " them, or continue with --accept-versions"
             )
 
 
@@ -162,7 +162,7 @@ def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any
 
 
 def _description(configs: Mapping[str, Config]) -> dict[str, Any]:
-    """What study.json says, with every default filled in."""
+    """The contents of study.json, with every default filled in."""
     settings = {name: config.resolved().to_dict() for name, config in configs.items()}
     first, *others = settings.values()
     shared = {
@@ -182,7 +182,7 @@ def _description(configs: Mapping[str, Config]) -> dict[str, Any]:
 
 
 def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
-    """What results.json says: for each run its settings, what made it, and its summary."""
+    """The contents of results.json: for each run its settings, its versions and its summary."""
     description = _description(configs)
     rows = []
     for name, differs in description["runs"].items():
@@ -192,20 +192,21 @@ def _results(configs: Mapping[str, Config], out: Path) -> dict[str, Any]:
     return description | {"runs": rows}
 
 
-def report(out: Path | str) -> tuple[dict[str, Rows], dict[str, list[Rows]]]:
+def report(folder: Path | str) -> tuple[dict[str, Rows], dict[str, list[Rows]]]:
     """({label: [summary per seed]}, {label: [records per seed]}) of a complete study.
 
-    A label is a run's name without its seed: an agent, or some settings. The seeds are sorted.
+    A label is a run's name without its seed: an agent, or a variant of the settings. The seeds are
+    sorted.
     """
-    out = Path(out)
+    folder = Path(folder)
     summaries: dict[str, Any] = {}
     records: dict[str, Any] = {}
-    rows = files.read_json(out / "results.json", runs=[runs.SUMMARY])["runs"]
+    rows = files.read_json(folder / "results.json", runs=[runs.SUMMARY])["runs"]
     for row in sorted(rows, key=lambda row: row["seed"]):
         name = row.get("name", f"{row['agent']}-{row['seed']}")
         label = name.removesuffix(f"-{row['seed']}")
         summaries.setdefault(label, []).append(row)
-        records.setdefault(label, []).append(runs.read_episodes(out / name))
+        records.setdefault(label, []).append(runs.read_episodes(folder / name))
     return summaries, records
 
 
@@ -215,9 +216,9 @@ def draw(
     summaries: Mapping[str, Rows],
     records: Mapping[str, Sequence[Rows]],
 ) -> None:
-    """The pictures of a study of agents: curves; adaptation to drifts; differences to DQN."""
-    level = next(iter(summaries.values()))[0]["random_return"]
-    figures = {"curves": plots.study_curves(records, config, level)}
+    """Draw a study of agents: curves, adaptation to drifts, differences from DQN."""
+    random = next(iter(summaries.values()))[0]["random_return"]
+    figures = {"curves": plots.study_curves(records, config, random)}
     if len(config.regimes) > 1 and set(summaries) - {"random"}:
         figures["adaptation"] = plots.adaptation(summaries, config)
     if len(summaries) > 1 and "dqn" in summaries:
@@ -227,30 +228,30 @@ def draw(
 
 
 def comparison(out: Path | str, configs: Mapping[str, Config]) -> dict[str, dict[str, Any]]:
-    """{agent: summary} of a complete study of one seed, whose curves are drawn in one picture."""
+    """{agent: summary} of a complete study of one seed; draws their curves in one picture."""
     out, config = Path(out), next(iter(configs.values()))
     summaries = {agent: runs.read_summary(out / agent) for agent in configs}
     records = {agent: runs.read_episodes(out / agent) for agent in configs}
-    level = summaries[config.agent]["random_return"]
-    plots.save(plots.learning_curves(records, config, level), out / "comparison.png")
+    random = summaries[config.agent]["random_return"]
+    plots.save(plots.learning_curves(records, config, random), out / "comparison.png")
     return summaries
 
 
 # --- training -------------------------------------------------------------------------------------
 
 
-Task = tuple[dict[str, Any], str, bool]  # what train_one() is told
+Task = tuple[dict[str, Any], str, bool]  # the arguments of train_one()
 
 
 def train_one(values: Mapping[str, Any], folder: str, accept: bool = False) -> None:
-    """One run, in whatever process: {name: value} of its Config, and its folder, begun or not."""
+    """Train or resume one run, in any process, from its settings {name: value} and its folder."""
     begun = (Path(folder) / "config.json").exists()
     runs.train(Config.from_dict(values), folder, resume=begun, quiet=True, accept=accept)
 
 
 @contextmanager
 def _bar(configs: Mapping[str, Config], out: Path, quiet: bool) -> Iterator[Callable[[], None]]:
-    """A bar of the episodes of all runs, and what moves it to those that they have seen by now."""
+    """A progress bar over the episodes of all runs; yields the function that updates it."""
     tables = [out / name / "episodes.csv" for name in configs]
     total, title = sum(config.episodes for config in configs.values()), f"{len(configs)} runs"
     with tqdm(
@@ -265,7 +266,7 @@ def _bar(configs: Mapping[str, Config], out: Path, quiet: bool) -> Iterator[Call
 
 
 def _episodes(tables: Sequence[Path]) -> int:
-    """How many episodes some episodes.csv have, which may not exist yet."""
+    """The number of episodes in some episodes.csv, which may not exist yet."""
     lines = [path.read_bytes().count(b"\n") for path in tables if path.exists()]
     return sum(max(0, count - 1) for count in lines)
 
@@ -273,7 +274,7 @@ def _episodes(tables: Sequence[Path]) -> int:
 def _train_over(
     executor: Executor, tasks: Mapping[str, Task], show: Callable[[], object]
 ) -> dict[str, str]:
-    """What train_all() does, by an executor. If stopped, it only ends what it has begun."""
+    """train_all() by an executor; if stopped, it finishes only the runs it has begun."""
     futures = {executor.submit(train_one, *task): name for name, task in tasks.items()}
     pending = set(futures)
     try:
@@ -305,7 +306,7 @@ class Worker(subprocess.Popen):
             self.stdin.write(f"{json.dumps(task)}\n".encode())  # type: ignore[union-attr]
 
     def last_words(self) -> str:
-        """The last line of its stderr, when it has ended. Its files are closed."""
+        """The last line of stderr of a worker that has ended; closes its files."""
         with self, self.log as log:
             log.seek(0)
             lines = log.read().decode(errors="replace").splitlines()
@@ -315,7 +316,7 @@ class Worker(subprocess.Popen):
 def train_all(tasks: Mapping[str, Task], jobs: int, show: Callable[[], object]) -> dict[str, str]:
     """Give every {name: task} to a worker, `jobs` at a time; {name: error} of those that failed.
 
-    show() is called about ten times a second. A run whose worker is killed starts once more.
+    show() is called about ten times a second. A run whose worker is killed is retried once.
     KeyboardInterrupt if this process or a worker is asked to stop; no worker outlives the call.
     """
     waiting, killed, failed = list(tasks), set(), {}
@@ -360,23 +361,23 @@ def stop_on_signals() -> None:
 
 
 def work() -> None:
-    """What a worker does: it trains the run that its stdin describes, and ends with its stdin."""
+    """A worker's main function: train the run that stdin describes, and exit if stdin closes."""
     stop_on_signals()
     task = json.loads(sys.stdin.readline())
     Thread(target=_end_with_stdin, daemon=True).start()
     try:
         train_one(*task)
     except KeyboardInterrupt:
-        os._exit(STOPPED)  # at once: Python takes its time to end
+        os._exit(STOPPED)  # at once, because Python is slow to exit
     except Exception as e:
         sys.exit(in_a_line(e))
 
 
 def _end_with_stdin() -> None:
-    os.read(0, 1)  # sys.stdin.read would hold a lock that Python needs at its end
+    os.read(0, 1)  # sys.stdin.read would hold a lock that Python needs at exit
     os._exit(STOPPED)
 
 
 def in_a_line(error: BaseException) -> str:
-    """An error in one line, whatever is in a path."""
+    """An error on one line, even if a path in it has line breaks."""
     return " ".join(f"{type(error).__name__}: {error}".split())

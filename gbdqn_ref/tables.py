@@ -66,7 +66,7 @@ def regimes(summaries: Mapping[str, Mapping[str, Any]], config: Config) -> Table
     notes = [
         f"drop: share of the earlier level lost in the first {stats.EDGE} episodes after the drift"
         " (0 = random policy)",
-        f"recovery: episodes until a mean of {stats.WINDOW} is back at {stats.RECOVERED:.0%} of"
+        f"recovery: episodes until the mean of {stats.WINDOW} is back at {stats.RECOVERED:.0%} of"
         " that level; never: not within the regime",
         "–: there is no earlier level, or it was no better than the random policy's",
     ]
@@ -74,7 +74,7 @@ def regimes(summaries: Mapping[str, Mapping[str, Any]], config: Config) -> Table
 
 
 def study(summaries: Mapping[str, Rows], config: Config) -> Table:
-    """Mean return per regime, final return and its difference to DQN's, {agent: [summary]}."""
+    """Mean return per regime, final return, and its difference from DQN's, {agent: [summary]}."""
     columns = ["agent", *(str(k) for k in range(len(config.regimes))), "mean ± std", "IQM"]
     rows = [[AGENTS[agent].label, *_returns(runs)] for agent, runs in summaries.items()]
     notes = [f"{k}: {describe(regime.factors)}" for k, regime in enumerate(config.regimes)]
@@ -102,8 +102,8 @@ def drift_effect(rows: Rows, config: Config) -> Table:
     ]
     hurt = sum(row["lost"] is not None and row["lost"] >= HURTS for row in rows[1:])
     notes = [
-        "frozen: trained in the stock physics, then no longer learning; trained: in this regime"
-        " from the start",
+        "frozen: trained in the stock physics, then fixed; trained: trained in this regime from"
+        " the start",
         "lost: share of the gain from random to trained that frozen misses; –: trained is no"
         " better than random",
         f"{hurt} of {len(rows) - 1} drifts cost at least {HURTS:.0%} of the gain",
@@ -114,7 +114,7 @@ def drift_effect(rows: Rows, config: Config) -> Table:
 
 
 def settings(env: str | None = None, preset: str | None = None) -> Table:
-    """Every setting: its value (the default, or a preset's), where that is from, range, meaning."""
+    """Every setting: its value (the default, or a preset's), source, range and meaning."""
     config, title = Config(), "The settings and their defaults"
     if env or preset:
         env, preset = preset_of(env or "cartpole", preset)
@@ -126,14 +126,14 @@ def settings(env: str | None = None, preset: str | None = None) -> Table:
             notes.append(f"schedule: {value}")
             value = "below"
         readers = [agent for agent in AGENTS if name in AGENTS[agent].reads]
-        alone = f" Read by {', '.join(readers)} alone." if readers else ""
+        alone = f" Only for {', '.join(readers)}." if readers else ""
         rows.append([name, value, source, rule.words, meanings[name] + alone])
-    notes.append("--set NAME=VALUE changes one; D13 and the like: paper_checks/README.md")
+    notes.append("--set NAME=VALUE changes a setting; D13 and the like: paper_checks/README.md")
     return Table(title, ["setting", "value", "source", "range", "meaning"], rows, notes, text=5)
 
 
 def _source(config: Config, preset: str | None, name: str, meaning: str) -> str:
-    """Where a value comes from; without a preset, whether the paper has it in any experiment."""
+    """The source of a value; without a preset it is "paper" if any experiment there has it."""
     value = getattr(config, name)
     if name in ("env", "agent", "seed"):
         return "free"

@@ -1,8 +1,8 @@
-"""Finite MDPs, where the Bellman operator and Q* are exact and the theorems can be decided.
+"""Finite MDPs, where the Bellman operator and Q* are exact, so the theorems can be decided.
 
 Letters: S states, A actions, P (S, A, S) transition probabilities, r (S, A) expected rewards, γ
-discount; Q (S, A). A terminal state loops on itself with reward 0: its value is 0 without a special
-case. Arrays of Fractions (dtype object) work in everything but q_star, which takes a limit.
+discount; Q (S, A). A terminal state loops on itself with reward 0, so its value is 0 and needs no
+special case. Arrays of Fractions (dtype object) work everywhere but in q_star, which takes a limit.
 """
 
 import numpy as np

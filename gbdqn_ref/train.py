@@ -24,11 +24,11 @@ def make_agent(config: Config) -> Any:
 
 
 def run(config: Config, agent: Any = None, first_episode: int = 0) -> Iterator[dict[str, Any]]:
-    """Train, and yield one record per episode. It is a pure function of the config.
+    """Train and yield one record per episode, as a pure function of the config.
 
-    Hand in an agent to keep hold of it. With one that has seen first_episode episodes, the run goes
-    on as if it had never stopped. The last record of a regime has an evaluation in every regime;
-    the last one of the run is of the finished agent.
+    Pass an agent to keep it. An agent that has seen first_episode episodes continues as if it had
+    never stopped. The last record of a regime has an evaluation in every regime. The last one of
+    the run evaluates the finished agent.
 
     >>> config = Config(env="cartpole", episodes=2, learning_starts=10)
     >>> [(record["episode"], record["return"]) for record in run(config)]
@@ -38,7 +38,7 @@ def run(config: Config, agent: Any = None, first_episode: int = 0) -> Iterator[d
     env = drift.make(config.env, config.schedule)
     last = {regime.end - 1 for regime in config.regimes}
     for episode in range(first_episode, config.episodes):
-        # one thread: more are slower on matrices this small; and divergence is an error of its own
+        # more threads are slower on matrices this small; overflow is checked for below
         with THREADS.limit(limits=1), np.errstate(over="ignore", invalid="ignore"):
             try:
                 record = _train_episode(agent, env, config, episode)
@@ -87,9 +87,10 @@ def _train_episode(agent: Any, env: drift.DriftWrapper, config: Config, episode:
 
 
 def announced(signal: str | list, episode: int, event: str | None) -> str | None:
-    """What an agent is told as an episode begins: the schedule's event, or "drift" in a list's.
+    """The event that an agent is told of as an episode begins, or None.
 
-    An agent that looks for drifts itself is told nothing.
+    The signal is the schedule, or a list of episodes with drifts. An agent that detects drifts
+    itself is told of none.
     """
     if signal == "schedule":
         return event
@@ -102,7 +103,7 @@ def _check_finite(values: np.ndarray, what: str) -> None:
 
 
 def episode_seed(seed: int, episode: int) -> int:
-    """The seed of an episode's reset: independent of the agent, so agents meet the same starts."""
+    """The seed of an episode's reset, the same for every agent, so all meet the same starts."""
     return int(np.random.SeedSequence([seed, episode]).generate_state(1)[0])
 
 

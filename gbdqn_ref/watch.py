@@ -1,4 +1,4 @@
-"""Looking at a trained agent: it is filmed before and after a drift, and mapped on a plane."""
+"""Films of a trained agent before and after a drift, and maps of its Q over a plane of states."""
 
 import os
 import sys
@@ -28,14 +28,14 @@ class Episode(NamedTuple):
     pace: float
 
     def caption(self, step: int) -> str:
-        """What is said above the picture of this step."""
+        """The text above the picture of this step."""
         return f"{self.title}\nstep {step}, return {self.returns[step]:z.0f}"
 
 
 def film(run: Path | str, regime: int = 1, seed: int = 0) -> list[Episode]:
     """Two greedy episodes of the run in a folder, in the physics before and after a drift.
 
-    Both have the same start and the agent of the end of the run; nothing is learnt.
+    Both use the agent at the end of the run and the same start. Nothing is learnt.
     """
     config = runs.read_config(run)
     drifts = len(config.regimes) - 1
@@ -45,10 +45,8 @@ def film(run: Path | str, regime: int = 1, seed: int = 0) -> list[Episode]:
     shown = config.regimes[regime - 1 : regime + 1]
     envs = [_drawn(config.env, each.factors) for each in shown]  # before MuJoCo is imported
     _, agent = runs.read_agent(run)
-    titles = [
-        f"{when}: {describe(each.factors)}"
-        for when, each in zip(("before", "after"), shown, strict=True)
-    ]
+    named = zip(("before", "after"), shown, strict=True)
+    titles = [f"{when}: {describe(each.factors)}" for when, each in named]
     start = episode_seed(seed, 0)
     return [episode(agent, env, start, title) for env, title in zip(envs, titles, strict=True)]
 
@@ -69,7 +67,7 @@ def episode(agent: Any, env: drift.DriftWrapper, seed: int, title: str) -> Episo
 def frames(episodes: Sequence[Episode]) -> tuple[list[Image.Image], int]:
     """The frames of a film that shows episodes side by side, and how long each lasts, in ms.
 
-    Steps are left out evenly where there are too many. An episode that is over stands still.
+    If there are too many steps, some are left out evenly. An episode that has ended stands still.
     """
     length = max(len(each.pictures) for each in episodes)
     every = -(-length // FRAMES)
@@ -79,7 +77,7 @@ def frames(episodes: Sequence[Episode]) -> tuple[list[Image.Image], int]:
 
 
 def save(episodes: Sequence[Episode], path: Path | str) -> None:
-    """Write the film of some episodes as a GIF, atomically; its folder is made."""
+    """Write the film of some episodes as a GIF, atomically; a missing folder is made."""
     check_picture(path, ".gif")
     (first, *others), duration = frames(episodes)
     options: dict[str, Any] = dict(save_all=True, append_images=others, duration=duration, loop=0)
@@ -97,9 +95,7 @@ def maps(run: Path | str, booster: int | None = None) -> plots.Figure:
     """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane; booster m is the last one by default."""
     config, agent = runs.read_agent(run)
     if config.env != "mountaincar" or not hasattr(agent, "staged_q"):
-        raise UsageError(
-            f"maps show GB-DQN on MountainCar, whose state is a plane; {run} has another run"
-        )
+        raise UsageError(f"maps need a run of GB-DQN on MountainCar; {run} has another run")
     stages = agent.staged_q(plane())
     m = len(stages) if booster is None else booster
     if not 2 <= m <= len(stages):
@@ -113,9 +109,9 @@ def _range(first: int, last: int) -> str:
 
 
 def _drawn(name: str, factors: dict[str, float]) -> drift.DriftWrapper:
-    """The environment with these physics, drawing in memory.
+    """The environment with these physics, rendered in memory.
 
-    Unless they are told, pygame and MuJoCo want a screen; MuJoCo is told when it is imported.
+    By default pygame and MuJoCo need a screen. MuJoCo reads its variable when it is imported.
     """
     os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
     if sys.platform == "linux":

@@ -61,7 +61,7 @@ LINES = (
     ("16", "its target from the frozen sum (D1, D6)", GBDQN.learn, "y = bellman.td_target("),
     ("17", "its residual, Eq. 4", GBDQN.learn, "residual = y - self.q_frozen[batch.index]"),
     ("18", "its priority anew, Eq. 10", GBDQN.learn, "self.replay.update_priorities("),
-    ("19", "its loss, weighted (D2)", GBDQN.learn, "bellman.loss_gradient(residual - factor * h"),
+    ("19", "its loss, weighted (D2)", GBDQN.learn, "bellman.loss_gradient(error"),
     ("21", "one step of gradient descent on θ_m", GBDQN.learn, "self.adam.step(self.theta, grad)"),
     ("22–24", "leave the loop where the episode ends", run, "terminated or truncated"),
     ("25", "go on from the next state", run, "s, ends, length, total = s2"),

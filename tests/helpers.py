@@ -1,4 +1,4 @@
-"""The vocabulary of the tests: small runs and agents, their state, folders, the command line."""
+"""Shared by the tests: small runs and agents, their state, folders, the command line."""
 
 import copy
 import itertools
@@ -6,29 +6,44 @@ import json
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 import gbdqn_ref
-from gbdqn_ref import checkpoint, runs
+from gbdqn_ref import checkpoint, runs, study, train
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.train import Config, make_agent
 
 D, A = 4, 2  # CartPole's
 SMALL = dict(episodes=12, learning_starts=20, hidden=[8], capacity=90, window=30, batch_size=8)
+PATIENCE = 120  # seconds to wait for a process; a loaded machine is slow, not broken
 
 
 class Crash(BaseException):
-    """Not an Exception, so that nothing can take it for an error and go on."""
+    """A crash; it is no Exception, so no handler of errors can catch it."""
+
+
+def crashing_after(episode):
+    """train.run(), but it crashes after this episode."""
+
+    def run(*arguments):
+        for record in train.run(*arguments):
+            yield record
+            if record["episode"] == episode:
+                raise Crash
+
+    return run
 
 
 # --- agents ---------------------------------------------------------------------------------------
 
 
 def drifts_at(first, second, third):
-    """CartPole's schedule of a longer pole, then more gravity as well, then stock physics again."""
+    """A schedule for CartPole: a longer pole, then more gravity too, then the stock physics."""
     return [
         {"episode": first, "length": 2},
         {"episode": second, "gravity": 2, "length": 2},
@@ -37,12 +52,12 @@ def drifts_at(first, second, third):
 
 
 def agent_of(agent="gbdqn", **values):
-    """A small agent that has seen nothing yet."""
+    """A small untrained agent."""
     return make_agent(Config(agent=agent, **SMALL | values))
 
 
 def feed(agent, n, seed=0, learn=1):
-    """n random transitions, each followed by so many updates; their TD errors."""
+    """Show the agent n random transitions, each followed by `learn` updates; the TD errors."""
     rng, deltas = np.random.default_rng(seed), []
     for _ in range(n):
         s, s2 = rng.normal(size=(2, D)).astype(np.float32)
@@ -56,19 +71,17 @@ def states(n=30):
 
 
 def state_bytes(agent):
-    """{name: the bytes of the array}, equal also where one agent has a stack of one network."""
+    """{name: the bytes of the array}; a stack of one network equals that network."""
     return {name: array.tobytes() for name, array in checkpoint.state(agent).items()}
 
 
 def replay_bytes(agent):
-    """The part of it that is the replay buffer."""
-    return {
-        name: content for name, content in state_bytes(agent).items() if name.startswith("replay.")
-    }
+    """state_bytes, of the replay buffer only."""
+    return {name: held for name, held in state_bytes(agent).items() if name.startswith("replay.")}
 
 
 def exact_state(agent):
-    """{name: (dtype, shape, bytes)}: what a checkpoint has to bring back."""
+    """{name: (dtype, shape, bytes)}: what a checkpoint must restore."""
     return {
         name: (array.dtype, array.shape, array.tobytes())
         for name, array in checkpoint.state(agent).items()
@@ -76,9 +89,7 @@ def exact_state(agent):
 
 
 def caught(monkeypatch, owner, name):
-    """The arguments of every call of owner.name from now on, copied; the call itself is made as
-    well.
-    """
+    """Copies of the arguments of every later call of owner.name, which still takes place."""
     calls, original = [], getattr(owner, name)
 
     def spy(*args):
@@ -90,7 +101,7 @@ def caught(monkeypatch, owner, name):
 
 
 def finite_differences(f, x, step):
-    """∂f/∂x, central."""
+    """∂f/∂x by central differences."""
     gradient = np.empty_like(x)
     for i in np.ndindex(x.shape):
         up, down = x.copy(), x.copy()
@@ -104,25 +115,57 @@ def finite_differences(f, x, step):
 
 
 def checkpoints_every(episodes, monkeypatch):
-    """Let a checkpoint be due every so many episodes, by a clock that ticks when it is read."""
+    """Make a checkpoint due every so many episodes, with a clock that ticks when it is read."""
     clock = itertools.count()
     monkeypatch.setattr(runs, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", episodes - 1)
 
 
 def contents(folder):
-    """{path: the bytes of the file, or None for a folder} of all that is below."""
+    """{path: the bytes of the file, or None for a folder} of everything below the folder."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in folder.rglob("*")
     }
 
 
+# --- processes ------------------------------------------------------------------------------------
+
+
+class Here(Executor):
+    """Runs each call at once and in this process."""
+
+    def submit(self, call, /, *args):
+        future = Future()
+        try:
+            future.set_result(call(*args))
+        except Exception as e:
+            future.set_exception(e)
+        return future
+
+
+def train_here(monkeypatch):
+    """Let commands train their runs in this process, since a worker takes a second to start."""
+
+    def train_all(tasks, jobs, show):
+        return study._train_over(Here(), tasks, show)
+
+    monkeypatch.setattr(study, "train_all", train_all)
+
+
+def wait_for(condition):
+    """Return once the condition holds."""
+    latest = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < latest, "it takes too long"
+        time.sleep(0.01)
+
+
 # --- the command line -----------------------------------------------------------------------------
 
 
 def flags(**settings):
-    """--set KEY=VALUE of each."""
+    """--set KEY=VALUE for each setting."""
     return [part for key in settings for part in ("--set", f"{key}={json.dumps(settings[key])}")]
 
 
@@ -135,29 +178,26 @@ def environ(**variables):
 
 
 def cli(*arguments, cwd=None, **variables):
-    """python -m gbdqn_ref … in a process of its own: (exit status, stdout, stderr)."""
+    """Run python -m gbdqn_ref … in a new process: (exit status, stdout, stderr)."""
     result = subprocess.run(
         command(*arguments),
         cwd=cwd,
         env=environ(**{"PYTHONIOENCODING": "utf-8"} | variables),
         capture_output=True,
         encoding="utf-8",
-        timeout=60,
+        timeout=PATIENCE,
     )
     return result.returncode, result.stdout, result.stderr
 
 
 def refused(capsys, folder, arguments, keyword):
-    """The command is answered with exit status 2 and one line with the keyword; no file changes,
-    appears or goes.
-    """
+    """Assert exit status 2, one line with the keyword, and no change to any file."""
     before = contents(folder)
     status, (stdout, stderr) = main(arguments), capsys.readouterr()
     assert status == 2
-    assert stderr.startswith("gbdqn_ref: ") and stderr.endswith("\n") and stderr.count("\n") == 1, (
-        stderr
-    )
+    assert stderr.startswith("gbdqn_ref: ")
+    assert stderr.endswith("\n") and stderr.count("\n") == 1
     assert "Traceback" not in stderr and len(stderr) < 800
-    assert any(word in stderr for word in keyword.split("|")), stderr
+    assert any(word in stderr for word in keyword.split("|"))
     assert stdout == ""
     assert contents(folder) == before

@@ -1,9 +1,9 @@
-"""Plant one-line bugs in the code and see that the tests fail: make mutants (half an hour).
+"""Plant one-line bugs and check that the tests fail: make mutants (half an hour).
 
-mutmut makes thousands of them, in two groups: the learning core and the reports. Of each group a
-fixed random sample is tested, each mutant with the tests that reach its line. At least nine tenths
-must be killed, and what a survivor became must stand in survivors.md, with the reason why no test
-sees it. `python tests/mutants.py reports` tests one group alone.
+mutmut makes thousands of mutants in two groups: the learning core and the reports. A fixed random
+sample of each group is tested, each mutant with the tests that reach its line. At least 90 % must
+be killed, and survivors.md must list every survivor with the reason why no test notices it.
+`python tests/mutants.py reports` tests one group alone.
 """
 
 import json
@@ -22,7 +22,7 @@ COPIED = ["gbdqn_ref", "tests", "paper_checks", "notebooks", "conftest.py", "REA
 
 
 class Group(NamedTuple):
-    """The modules whose lines are changed, how many of the changes are tested, and by what."""
+    """The modules to mutate, the size of the sample, and the tests to run."""
 
     modules: str
     sample: int
@@ -52,7 +52,7 @@ GROUPS = {  # without the tests that start processes or read the source
 
 
 def workshop(name, group):
-    """A folder with a copy of the project, and mutmut's settings for this group."""
+    """A folder with a copy of the project and mutmut's settings for this group."""
     folder = ROOT / "mutants" / name
     shutil.rmtree(folder, ignore_errors=True)
     for each in COPIED:
@@ -80,27 +80,24 @@ def mutmut(folder, *arguments, **options):
 
 
 def exit_codes(folder):
-    """{mutant: exit code of its tests, or None where they have not run}."""
-    files = sorted((folder / "mutants" / "gbdqn_ref").glob("*.meta"))
-    return {
-        name: code
-        for path in files
-        for name, code in json.loads(path.read_text())["exit_code_by_key"].items()
-    }
+    """{mutant: exit code of its tests, or None if they have not run}."""
+    codes = {}
+    for path in (folder / "mutants" / "gbdqn_ref").glob("*.meta"):
+        codes |= json.loads(path.read_text())["exit_code_by_key"]
+    return codes
 
 
 def change(folder, name):
-    """What the mutated line has become."""
+    """The mutated line."""
     diff = mutmut(folder, "show", name, capture_output=True, text=True).stdout.splitlines()
-    return " ".join(
-        line[1:].strip() for line in diff if line.startswith("+") and not line.startswith("+++")
-    )
+    added = [line[1:] for line in diff if line.startswith("+") and not line.startswith("+++")]
+    return " ".join(line.strip() for line in added)
 
 
 def survive(name, group):
-    """Whether too many mutants of the group survive, or one without a reason."""
+    """Whether too many mutants of the group survive, or any without a reason."""
     folder = workshop(name, group)
-    mutmut(folder, "run", "none of them", capture_output=True)  # makes them all, and runs none
+    mutmut(folder, "run", "none of them", capture_output=True)  # makes all mutants, runs no tests
     names = sorted(exit_codes(folder))
     sample = sorted(random.Random(0).sample(names, group.sample))
     mutmut(folder, "run", *sample)
@@ -110,17 +107,14 @@ def survive(name, group):
     survivors = {each: change(folder, each) for each in sample if codes[each] in (0, 33)}
     unexplained = {each: line for each, line in survivors.items() if f"`{line}`" not in EXPLAINED}
     killed = 1 - len(survivors) / group.sample
-    print(
-        f"{name}: of {group.sample} among {len(names)} mutants {killed:.1%} are killed,"
-        f" {len(survivors)} survive"
-    )
+    print(f"{name}: {len(names)} mutants, {group.sample} tested, {killed:.1%} killed")
     for each, line in unexplained.items():
         print(f"  no reason in survivors.md: {each}: {line}")
     return killed < LEAST or bool(unexplained)
 
 
 def main(chosen):
-    """Exit status 1 if a group has too many survivors, or one without a reason."""
+    """Exit status 1 if a group has too many survivors, or any without a reason."""
     failed = [name for name in chosen or GROUPS if survive(name, GROUPS[name])]
     return int(bool(failed))
 

@@ -1,6 +1,4 @@
-"""The vocabulary of the property tests. Values are plain on purpose: what is extreme is tested by
-name.
-"""
+"""Strategies for the property tests; extreme values have their own tests."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -15,22 +13,22 @@ def rngs():
 
 
 def sizes(largest=4):
-    """How many there are of something: networks, samples, inputs, actions."""
+    """Counts: of networks, samples, inputs or actions."""
     return st.integers(1, largest)
 
 
 def reals():
-    """Thousandths from −100 to 100, so that nothing but 0 is tiny."""
+    """Multiples of 0.001 from −100 to 100, so that only 0 is tiny."""
     return st.integers(-100_000, 100_000).map(lambda i: i / 1000)
 
 
 def positives():
-    """Thousandths from 0.001 to 100."""
+    """Multiples of 0.001 from 0.001 to 100."""
     return st.integers(1, 100_000).map(lambda i: i / 1000)
 
 
 def vectors(n, elements=None):
-    """Arrays (n,) of reals, or of what is given, in float64."""
+    """Arrays (n,) of reals, or of other elements, in float64."""
     return st.lists(reals() if elements is None else elements, min_size=n, max_size=n).map(np.array)
 
 
@@ -40,12 +38,12 @@ def matrices(rows, columns):
 
 
 def weighted_samples():
-    """(residual (n,), h (n,), weights (n,)), the weights positive."""
+    """(residual (n,), h (n,), positive weights (n,))."""
     return sizes(8).flatmap(lambda n: st.tuples(vectors(n), vectors(n), vectors(n, positives())))
 
 
 def nets():
-    """Networks with none, one or two hidden layers."""
+    """Networks with up to two hidden layers."""
     return st.lists(sizes(), min_size=2, max_size=4).map(MLP)
 
 
@@ -53,6 +51,5 @@ def nets():
 def mdps(draw):
     """MDPs of up to four states and three actions."""
     rng, S, A = draw(rngs()), draw(sizes(4)), draw(sizes(3))
-    return MDP(
-        rng.dirichlet(np.ones(S), size=(S, A)), rng.normal(size=(S, A)), draw(st.floats(0, 0.95))
-    )
+    P, r = rng.dirichlet(np.ones(S), size=(S, A)), rng.normal(size=(S, A))
+    return MDP(P, r, draw(st.floats(0, 0.95)))

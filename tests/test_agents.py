@@ -1,4 +1,4 @@
-"""DQN and GB-DQN: what they compute, compared with the naive way to compute it."""
+"""DQN and GB-DQN, compared with naive computations."""
 
 import copy
 import itertools
@@ -34,13 +34,12 @@ READINGS = [
 readings = pytest.mark.parametrize(
     "reading", READINGS, ids=lambda reading: "-".join(map(str, reading.values()))
 )
-quick_agent = partial(  # in a few updates it learns much, and its gradients are not clipped
-    agent_of, capacity=40, batch_size=16, lr=0.01, tau=0.1, max_grad_norm=1e6
-)
+# learns much in a few updates, without clipping
+quick_agent = partial(agent_of, capacity=40, batch_size=16, lr=0.01, tau=0.1, max_grad_norm=1e6)
 
 
 def boosted(seed=0, boosters=2, **values):
-    """A GB-DQN with so many frozen boosters, and another that has learnt for a while."""
+    """A GB-DQN with so many frozen boosters, and a learner that has learnt for a while."""
     agent = quick_agent(**values)
     for k in range(boosters):
         feed(agent, 20, seed=10 * seed + k)
@@ -50,7 +49,7 @@ def boosted(seed=0, boosters=2, **values):
 
 
 def q_frozen(agent, x):
-    """Σ α_j h_j(x) of the frozen boosters, one after the other, in float64: the naive Q_{m−1}."""
+    """The naive Q_{m−1}: Σ α_j h_j(x) of the frozen boosters, one by one, in float64."""
     q = np.zeros((len(x), A))
     for theta, alpha in zip(agent.ensemble.theta, agent.ensemble.alpha, strict=True):
         q += float(alpha) * agent.net.forward(theta.astype(np.float64), x)[0]
@@ -58,24 +57,18 @@ def q_frozen(agent, x):
 
 
 def q_now(agent, x, theta=None):
-    """Q_m(x), or Q_{m−1}(x) where the learner does not count yet, in float64."""
+    """Q_m(x), or Q_{m−1}(x) if the learner does not count yet, in float64."""
     counts = agent.config.target == "live" or not len(agent.ensemble)
     theta = agent.theta if theta is None else theta
-    return (
-        q_frozen(agent, x)
-        + counts * agent.alpha * agent.net.forward(theta.astype(np.float64), x)[0]
-    )
+    h = agent.net.forward(theta.astype(np.float64), x)[0]
+    return q_frozen(agent, x) + counts * agent.alpha * h
 
 
 def targets(agent, r, s2, terminated):
     """y = r + γ max Q̄(s'), transition by transition."""
-    q_next = q_now(agent, s2, agent.theta_target)
-    return np.array(
-        [
-            r[i] + (0 if terminated[i] else agent.config.gamma * max(q_next[i]))
-            for i in range(len(r))
-        ]
-    )
+    q_next, gamma = q_now(agent, s2, agent.theta_target), agent.config.gamma
+    rows = zip(r, terminated, q_next, strict=True)
+    return np.array([r_i + (0 if ends else gamma * max(q)) for r_i, ends, q in rows])
 
 
 def next_batch(agent):
@@ -88,21 +81,10 @@ def next_batch(agent):
 
 @readings
 def test_before_the_first_drift_gbdqn_is_dqn_with_its_replay_under_every_reading(reading):
-    """To the byte: after a few hundred steps of training the two have the same θ, θ̄, Adam, replay
-    and generator.
-    """
-    common = dict(
-        replay="recency",
-        episodes=12,
-        learning_starts=50,
-        hidden=(16,),
-        capacity=150,
-        update_every=2,
-        seed=5,
-    )
-    dqn, gbdqn = (
-        make_agent(Config(agent=agent, **common, **reading)) for agent in ("dqn", "gbdqn")
-    )
+    """After a few hundred steps θ, θ̄, Adam, replay and generator are the same to the byte."""
+    values = dict(replay="recency", episodes=12, learning_starts=50, hidden=(16,), capacity=150)
+    values |= dict(update_every=2, seed=5) | reading
+    dqn, gbdqn = (make_agent(Config(agent=agent, **values)) for agent in ("dqn", "gbdqn"))
     records = [[repr(record) for record in run(agent.config, agent)] for agent in (dqn, gbdqn)]
     assert records[0] == records[1] and dqn.steps > 200
     ours = state_bytes(gbdqn)
@@ -114,7 +96,7 @@ def test_before_the_first_drift_gbdqn_is_dqn_with_its_replay_under_every_reading
 
 
 @readings
-def test_a_drift_adds_a_booster_and_a_reset_none(reading):
+def test_a_drift_adds_a_booster_and_a_reset_does_not(reading):
     agent, counts = boosted(boosters=0, **reading), []
     for event in ("drift", "reset", "drift", "drift", "reset"):
         before = state_bytes(agent)
@@ -126,9 +108,8 @@ def test_a_drift_adds_a_booster_and_a_reset_none(reading):
 
 
 def test_in_a_run_every_drift_of_the_schedule_adds_a_booster():
-    schedule = [{"episode": k, "length": 1.0 + k} for k in (2, 3, 6)] + [
-        {"episode": 7, "reset": True}
-    ]
+    schedule = [{"episode": k, "length": 1.0 + k} for k in (2, 3, 6)]
+    schedule += [{"episode": 7, "reset": True}]
     config = Config(episodes=9, hidden=(4,), capacity=50, learning_starts=10, schedule=schedule)
     agent = make_agent(config)
     assert [len(agent.ensemble) for _ in run(config, agent)] == [0, 0, 1, 2, 2, 2, 3, 3, 3]
@@ -153,21 +134,20 @@ def test_a_frozen_booster_never_changes_again(reading):
     assert (agent.ensemble.theta.tobytes(), agent.ensemble.alpha.tobytes()) == (theta, alpha)
     agent.on_drift("drift")
     feed(agent, 10, seed=2)
-    assert (
-        agent.ensemble.theta[:1].tobytes() == theta and agent.ensemble.alpha[:1].tobytes() == alpha
-    )
+    assert agent.ensemble.theta[:1].tobytes() == theta
+    assert agent.ensemble.alpha[:1].tobytes() == alpha
 
 
 def test_freezing_takes_a_copy():
     agent = boosted(boosters=0)
     agent.fold_in()
     frozen = agent.ensemble.theta.tobytes()
-    agent.learn()  # goes on with the same θ, in place
+    agent.learn()  # changes θ in place
     assert agent.ensemble.theta.tobytes() == frozen != agent.theta.tobytes()
 
 
 @readings
-def test_what_has_been_learnt_is_what_is_frozen(reading):
+def test_a_drift_freezes_the_learner(reading):
     agent = boosted(boosters=1, **reading)
     theta, alpha = agent.theta.copy(), agent.alpha
     agent.on_drift("drift")
@@ -177,7 +157,7 @@ def test_what_has_been_learnt_is_what_is_frozen(reading):
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.7])
-def test_adding_a_booster_that_is_zero_changes_no_q_value(alpha):
+def test_adding_a_zero_booster_changes_no_q_value(alpha):
     agent = boosted(boosters=1, alpha=alpha)
     before, action = agent.q(states()), [agent.act(s, greedy=True) for s in states()]
     agent.on_drift("drift")
@@ -185,7 +165,7 @@ def test_adding_a_booster_that_is_zero_changes_no_q_value(alpha):
     assert [agent.act(s, greedy=True) for s in states()] == action
 
 
-def test_adding_a_booster_that_is_not_zero_does():
+def test_adding_a_nonzero_booster_changes_q_values():
     agent = boosted(boosters=1, zero_output=False)
     before = agent.q(states())
     agent.on_drift("drift")
@@ -193,7 +173,7 @@ def test_adding_a_booster_that_is_not_zero_does():
 
 
 @readings
-def test_a_new_booster_starts_anew(reading):
+def test_a_new_booster_has_fresh_weights_and_a_fresh_adam(reading):
     agent = boosted(boosters=1, **reading)
     old = agent.theta.copy()
     agent.on_drift("drift")
@@ -224,10 +204,8 @@ def assert_cache_is_fresh(agent):
 
 
 @readings
-@pytest.mark.parametrize(
-    "n", [7, 33, 95]
-)  # of a capacity of 40: not full, nearly full, twice around
-def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
+@pytest.mark.parametrize("n", [7, 33, 95], ids=["part", "nearly full", "wrapped"])  # capacity 40
+def test_cached_predictions_equal_a_fresh_forward_pass(reading, n):
     agent = quick_agent(**reading)
     for stage in range(4):
         feed(agent, n, seed=stage)
@@ -242,7 +220,7 @@ def test_the_cached_predictions_are_those_of_a_fresh_forward_pass(reading, n):
     st.lists(st.one_of(st.integers(1, 60), st.sampled_from(["drift", "reset"])), max_size=8),
     st.booleans(),
 )
-def test_the_cache_stays_fresh_whatever_happens(events, live):
+def test_the_cache_stays_fresh_under_any_sequence_of_events(events, live):
     agent = quick_agent(capacity=30, hidden=(4,), target="live" if live else "frozen")
     for i, event in enumerate(events):
         if isinstance(event, int):
@@ -252,14 +230,14 @@ def test_the_cache_stays_fresh_whatever_happens(events, live):
     assert_cache_is_fresh(agent)
 
 
-def test_a_large_buffer_is_folded_in_whole():
+def test_folding_in_covers_the_whole_of_a_large_buffer():
     agent = quick_agent(capacity=3000)
-    feed(agent, 2600, learn=0)  # the pass is made in pieces of 1024 rows
+    feed(agent, 2600, learn=0)  # the forward pass takes 1024 rows at a time
     agent.on_drift("drift")
     assert_cache_is_fresh(agent)
 
 
-def test_the_memo_of_the_last_state_does_not_outlive_a_drift():
+def test_a_drift_clears_the_memo_of_the_last_state():
     agent = quick_agent()
     feed(agent, 20)
     s = states(1)[0]
@@ -268,7 +246,7 @@ def test_the_memo_of_the_last_state_does_not_outlive_a_drift():
     np.testing.assert_allclose(agent.q(s), q_now(agent, s[None])[0], rtol=1e-4, atol=1e-5)
 
 
-def test_the_memo_is_not_fooled_by_a_state_that_is_written_over():
+def test_the_memo_notices_a_state_overwritten_in_place():
     agent = boosted()
     s = states(1)[0]
     agent.q(s)
@@ -277,7 +255,7 @@ def test_the_memo_is_not_fooled_by_a_state_that_is_written_over():
 
 
 @pytest.mark.parametrize("target", ["live", "frozen"])
-def test_an_answer_may_be_written_over_by_its_receiver(target):
+def test_a_caller_may_overwrite_the_q_values_it_gets(target):
     agent, s = boosted(target=target), states(1)[0]
     expected = agent.q(s).copy()
     agent.q(s)[:] = 99.0  # catches handing out the memo itself
@@ -290,23 +268,15 @@ def test_an_answer_may_be_written_over_by_its_receiver(target):
 @pytest.mark.parametrize("replay", ["uniform", "proportional", "recency"])
 @pytest.mark.parametrize("target", ["live", "frozen"])
 @pytest.mark.parametrize("n", [20, 60])  # the buffer holds 40
-def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
-    agent = quick_agent(
-        alpha="closed-form",
-        target=target,
-        replay=replay,
-        is_exponent=0.7,
-        mix=0.5,
-        recency_rate=0.05,
-    )
+def test_closed_form_alpha_uses_the_whole_buffer(target, replay, n):
+    values = dict(replay=replay, is_exponent=0.7, mix=0.5, recency_rate=0.05)
+    agent = quick_agent(alpha="closed-form", target=target, **values)
     feed(agent, 15)
     agent.on_drift("drift")
     feed(agent, n, seed=1)
     buffer, size = agent.replay, len(agent.replay)
-    h, h_next = (
-        agent.net.forward(agent.theta.astype(np.float64), x[:size])[0]
-        for x in (buffer.s, buffer.s2)
-    )
+    theta = agent.theta.astype(np.float64)
+    h, h_next = (agent.net.forward(theta, x[:size])[0] for x in (buffer.s, buffer.s2))
     q, q_next = q_frozen(agent, buffer.s[:size]), q_frozen(agent, buffer.s2[:size])
     P, above, below = buffer.probabilities(), 0.0, 0.0
     for i in range(size):
@@ -315,13 +285,13 @@ def test_the_closed_form_is_taken_over_the_whole_buffer(target, replay, n):
         drawn_and_weighted = P[i] * (size * P[i]) ** -0.7
         above += drawn_and_weighted * residual * h[i, buffer.a[i]]
         below += drawn_and_weighted * h[i, buffer.a[i]] ** 2
-    assert abs(above / below - 1) > 0.01, "else α = 1 would pass as well"
+    assert abs(above / below - 1) > 0.01, "α = 1 would pass too"
     agent.on_drift("drift")
     assert agent.ensemble.alpha[0] == 1.0
     assert agent.ensemble.alpha[1] == pytest.approx(above / below, rel=1e-3)
 
 
-def test_the_first_learner_has_weight_1_under_the_closed_form_too():
+def test_the_first_learner_has_weight_1_with_closed_form_alpha_too():
     agent = quick_agent(alpha="closed-form")
     feed(agent, 20)
     agent.on_drift("drift")
@@ -367,20 +337,16 @@ def test_dqn_follows_the_gradient_of_its_loss(monkeypatch):
     batch, gamma = next_batch(agent), agent.config.gamma
     taken = np.arange(len(batch.a)), batch.a
     q_next = agent.net.forward(agent.theta_target.astype(np.float64), batch.s2)[0]
-    y = [
-        r + (0 if ends else gamma * max(q))
-        for r, ends, q in zip(batch.r, batch.terminated, q_next, strict=True)
-    ]
+    rows = zip(batch.r, batch.terminated, q_next, strict=True)
+    y = [r + (0 if ends else gamma * max(q)) for r, ends, q in rows]
 
     def loss(theta):
         return np.mean(0.5 * batch.weight * (y - agent.net.forward(theta, batch.s)[0][taken]) ** 2)
 
     expected = finite_differences(loss, agent.theta.astype(np.float64), step=1e-6)
     error = y - agent.net.forward(agent.theta.astype(np.float64), batch.s)[0][taken]
-    calls, noted = (
-        caught(monkeypatch, Adam, "step"),
-        caught(monkeypatch, agent.replay, "update_priorities"),
-    )
+    calls = caught(monkeypatch, Adam, "step")
+    noted = caught(monkeypatch, agent.replay, "update_priorities")
     np.testing.assert_allclose(agent.learn(), error, rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(calls[0][2], expected, rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(noted[0][1], error, rtol=1e-3, atol=1e-5)
@@ -400,20 +366,19 @@ def test_a_long_gradient_is_clipped_and_a_short_one_is_not(monkeypatch, agent):
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_the_target_network_glides_after_the_network_at_each_update(agent):
+def test_each_update_moves_the_target_network_towards_the_network(agent):
     learner = quick_agent(agent=agent, tau=0.25)
     feed(learner, 20)
     before = learner.theta_target.copy()
     learner.learn()
-    np.testing.assert_allclose(
-        learner.theta_target, 0.75 * before + 0.25 * learner.theta, rtol=1e-5, atol=1e-7
-    )
+    expected = 0.75 * before + 0.25 * learner.theta
+    np.testing.assert_allclose(learner.theta_target, expected, rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize("boosters", [0, 1, 2])
 @readings
-def test_priorities_follow_the_error_of_the_q_function_in_use(monkeypatch, reading, boosters):
-    """δ = y − Q_m(s, a) live, y − Q_{m−1}(s, a) frozen, whatever the loss is on."""
+def test_priorities_use_the_td_error_of_the_q_function_in_use(monkeypatch, reading, boosters):
+    """δ is y − Q_m(s, a) if live and y − Q_{m−1}(s, a) if frozen, under either loss."""
     agent = boosted(boosters=boosters, **reading)
     batch = next_batch(agent)
     y = targets(agent, batch.r, batch.s2, batch.terminated)
@@ -440,30 +405,30 @@ def test_the_q_function_is_the_sum_of_its_boosters(reading, boosters):
 
 @pytest.mark.parametrize("boosters", [0, 1, 3])
 @readings
-def test_the_stages_end_with_the_q_function(reading, boosters):
+def test_the_last_stage_is_the_q_function(reading, boosters):
     agent = boosted(boosters=boosters, **reading)
     stages = agent.staged_q(states())
     assert stages.shape == (max(1, boosters + (reading["target"] == "live")), 30, A)
     np.testing.assert_allclose(stages[-1], agent.q(states()), rtol=1e-4, atol=1e-5)
     if boosters:
-        np.testing.assert_allclose(stages[0], agent.ensemble.alpha[0] * agent.net.forward(
-            agent.ensemble.theta[0], states())[0], rtol=1e-4, atol=1e-5)  # fmt: skip
+        first = agent.ensemble.alpha[0] * agent.net.forward(agent.ensemble.theta[0], states())[0]
+        np.testing.assert_allclose(stages[0], first, rtol=1e-4, atol=1e-5)
 
 
-def test_under_the_frozen_target_nothing_learnt_in_a_stage_counts_in_it():
+def test_with_a_frozen_target_the_learner_counts_only_once_frozen():
     agent = boosted(boosters=1, target="frozen")
     before, learner = agent.q(states()), agent.theta.copy()
     feed(agent, 20, seed=7, learn=3)
     assert np.array_equal(agent.q(states()), before) and not np.array_equal(agent.theta, learner)
     training = state_bytes(agent)
     finished = agent.finish()
-    assert state_bytes(agent) == training, "training goes on as if nothing had been asked"
+    assert state_bytes(agent) == training, "finish() does not disturb the training"
     assert len(finished.ensemble) == 2 and np.abs(finished.q(states()) - before).max() > 1e-3
     expected = q_frozen(finished, states())
     np.testing.assert_allclose(finished.q(states()), expected, rtol=1e-4, atol=1e-5)
 
 
-def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
+def test_with_a_live_target_the_learner_counts_at_once():
     agent = boosted(boosters=1, target="live")
     before = agent.q(states())
     feed(agent, 20, seed=7, learn=3)
@@ -473,7 +438,7 @@ def test_under_the_live_target_it_counts_at_once_and_the_end_adds_nothing():
     assert len(finished.ensemble) == 1 and np.array_equal(finished.q(states()), after)
 
 
-def test_a_run_without_a_drift_ends_with_its_first_learner_under_either_target():
+def test_without_a_drift_a_run_ends_with_its_first_learner():
     for target in ("live", "frozen"):
         agent = boosted(boosters=0, target=target)
         before = agent.q(states())
@@ -481,15 +446,10 @@ def test_a_run_without_a_drift_ends_with_its_first_learner_under_either_target()
         assert np.array_equal(finished.q(states()), before) and not len(finished.ensemble)
 
 
-def test_a_run_ends_with_the_last_booster_folded_in():
-    config = Config(
-        episodes=4,
-        hidden=(4,),
-        learning_starts=10,
-        capacity=60,
-        target="frozen",
-        schedule=[{"episode": 2, "length": 2.0}],
-    )
+def test_a_run_folds_in_its_last_booster():
+    schedule = [{"episode": 2, "length": 2.0}]
+    small = dict(episodes=4, hidden=(4,), learning_starts=10, capacity=60)
+    config = Config(target="frozen", schedule=schedule, **small)
     agent = make_agent(config)
     *_, last = run(config, agent)
     assert len(agent.ensemble) == 1 and len(agent.finish().ensemble) == 2
@@ -510,7 +470,7 @@ def test_the_greedy_action_is_the_best_and_uses_no_random_number(values):
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
+def test_softmax_action_probabilities_are_proportional_to_exp_q(agent):
     learner = quick_agent(agent=agent, behaviour="softmax", temperature=0.5)
     feed(learner, 20)
     s = states(1)[0]
@@ -521,17 +481,15 @@ def test_the_softmax_policy_acts_in_proportion_to_exp_q(agent):
     assert learner.epsilon == 0.0
 
 
-def test_a_run_with_the_softmax_policy_is_a_run():
-    records = list(
-        run(Config(episodes=4, behaviour="softmax", learning_starts=10, hidden=(4,), capacity=60))
-    )
+def test_a_run_can_use_the_softmax_policy():
+    small = dict(episodes=4, hidden=(4,), learning_starts=10, capacity=60)
+    records = list(run(Config(behaviour="softmax", **small)))
     assert len(records) == 4 and {record["epsilon"] for record in records} == {0.0}
 
 
-@pytest.mark.parametrize(
-    ("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)]
-)  # of the action that is not the best
-def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
+@pytest.mark.parametrize(("steps", "share"), [(0, 0.5), (50, 0.3), (1000, 0.1)])
+def test_epsilon_greedy_explores_with_probability_epsilon(steps, share):
+    """Of two actions the other one is taken with probability ε/2."""
     agent = quick_agent(agent="dqn", epsilon_start=1.0, epsilon_end=0.2, epsilon_decay_steps=100)
     agent.steps, s = steps, states(1)[0]
     best = agent.act(s, greedy=True)
@@ -541,49 +499,36 @@ def test_epsilon_greedy_explores_as_often_as_it_should(steps, share):
 # --- the loop -------------------------------------------------------------------------------------
 
 
-def test_a_time_limit_is_no_termination():
-    config = Config(
-        env="mountaincar", episodes=1, learning_starts=10_000, hidden=(4,), capacity=300
-    )
+def test_a_time_limit_is_not_a_termination():
+    small = dict(episodes=1, learning_starts=10_000, hidden=(4,), capacity=300)
+    config = Config(env="mountaincar", **small)
     agent = make_agent(config)
     (record,) = run(config, agent)
-    assert record["length"] == 200, "a random policy runs into the limit"
-    assert (
-        len(agent.replay) == 200 and not agent.replay.terminated.any()
-    )  # catches terminated or truncated
+    assert record["length"] == len(agent.replay) == 200, "a random policy reaches the time limit"
+    assert not agent.replay.terminated.any()  # catches `terminated or truncated`
     assert (agent.replay.s[1:200] == agent.replay.s2[:199]).all()
 
 
-def test_a_fallen_pole_is_a_termination_of_its_last_transition_only():
+def test_a_fallen_pole_terminates_only_the_last_transition():
     config = Config(episodes=2, learning_starts=10_000, hidden=(4,), capacity=300)
     agent = make_agent(config)
     lengths = [record["length"] for record in run(config, agent)]
     assert np.flatnonzero(agent.replay.terminated).tolist() == (np.cumsum(lengths) - 1).tolist()
 
 
-def test_updates_begin_and_recur_when_the_config_says():
-    config = Config(
-        episodes=6,
-        learning_starts=30,
-        update_every=5,
-        gradient_steps=3,
-        hidden=(4,),
-        capacity=99,
-        tau=0,
-    )
+def test_updates_start_and_repeat_as_configured():
+    updates = dict(learning_starts=30, update_every=5, gradient_steps=3)
+    config = Config(episodes=6, hidden=(4,), capacity=99, tau=0, **updates)
     agent = make_agent(config)
-    steps = [record["steps"] for record in run(config, agent)][-1]
-    assert agent.adam.t == 3 * len(
-        [step for step in range(1, steps + 1) if step >= 30 and step % 5 == 0]
-    )
+    *_, last = run(config, agent)
+    assert agent.adam.t == 3 * sum(step % 5 == 0 for step in range(30, last["steps"] + 1))
 
 
-def test_agents_with_one_seed_meet_the_same_starts_and_others_others():
+def test_agents_with_the_same_seed_get_the_same_starts():
     firsts = {}
     for agent, seed in (("dqn", 0), ("gbdqn", 0), ("gbdqn", 1)):
-        config = Config(
-            agent=agent, seed=seed, episodes=3, learning_starts=10, hidden=(4,), capacity=500
-        )
+        small = dict(episodes=3, learning_starts=10, hidden=(4,), capacity=500)
+        config = Config(agent=agent, seed=seed, **small)
         learner = make_agent(config)
         ends = [0, *(record["steps"] for record in run(config, learner))][:-1]
         firsts[agent, seed] = learner.replay.s[ends].tobytes()
@@ -591,11 +536,11 @@ def test_agents_with_one_seed_meet_the_same_starts_and_others_others():
     assert len({episode_seed(seed, k) for seed in range(20) for k in range(20)}) == 400
 
 
-def test_an_evaluation_is_greedy_leaves_the_agent_as_it_was_and_can_be_repeated():
+def test_an_evaluation_is_repeatable_and_leaves_the_agent_unchanged():
     agent = boosted()
     before = state_bytes(agent)
     env = drift.make("cartpole", [{"episode": 0, "length": 2.0}])
     returns = evaluate(agent, env, 5, seed=3)
     assert state_bytes(agent) == before
     assert returns.tolist() == evaluate(agent, env, 5, seed=3).tolist() and returns.shape == (5,)
-    assert env.unwrapped.length == 1.0, "the regime of the environment's episode 0"
+    assert env.unwrapped.length == 1.0, "the physics of episode 0"

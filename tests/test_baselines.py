@@ -1,6 +1,4 @@
-"""The baselines and controls: each differs from DQN, or from GB-DQN, in what its name says and in
-nothing else.
-"""
+"""The baselines and controls: each differs from DQN or GB-DQN only in what its name says."""
 
 import copy
 
@@ -18,11 +16,12 @@ from helpers import (
     replay_bytes,
     state_bytes,
     states,
+    train_here,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gbdqn_ref import checkpoint, runs
+from gbdqn_ref import checkpoint
 from gbdqn_ref.__main__ import main
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import SETTINGS
@@ -37,7 +36,7 @@ drifts = pytest.mark.parametrize("event", ["drift", "reset"])
 
 
 def trained(config):
-    """A run's records as text, and its agent at the end."""
+    """The records of a run as text, and its trained agent."""
     agent = make_agent(config)
     return [repr(record) for record in run(config, agent)], agent
 
@@ -45,30 +44,29 @@ def trained(config):
 # --- all of them ----------------------------------------------------------------------------------
 
 
-def test_every_agent_can_be_chosen_and_drawn():
+def test_every_agent_has_its_own_look_in_the_plots():
     looks = {(agent.colour, agent.line) for agent in AGENTS.values()}
-    marks, labels = (
-        {getattr(agent, what) for agent in AGENTS.values()} for what in ("mark", "label")
-    )
+    marks = {agent.mark for agent in AGENTS.values()}
+    labels = {agent.label for agent in AGENTS.values()}
     assert len(looks) == len(marks) == len(labels) == len(AGENTS) == 11
 
 
 @every_agent
-def test_the_settings_that_an_agent_reads_or_has_of_its_own_exist(agent):
+def test_every_setting_that_an_agent_reads_or_overrides_exists(agent):
     assert set(AGENTS[agent].reads) | set(AGENTS[agent].own) <= set(SETTINGS)
 
 
 @every_agent
 @pytest.mark.parametrize("event", ["end", "typo", None])
-def test_an_event_that_is_none_is_refused(agent, event):
+def test_an_unknown_event_is_refused(agent, event):
     if agent != "random":
         with pytest.raises(ValueError, match="an event is 'drift' or 'reset', not"):
             agent_of(agent).on_drift(event)
 
 
 @every_agent
-def test_an_agent_hears_the_end_of_each_episode(agent):
-    """Also of one that a time limit cut off, as all of these are."""
+def test_an_agent_is_told_the_end_of_each_episode(agent):
+    """Even if a time limit cuts the episode off, as it does here."""
     config = Config(agent=agent, env="mountaincar", episodes=3, hidden=(4,), learning_starts=300)
     learner, heard = make_agent(config), []
     learner.end_episode = lambda *told: heard.append(told)
@@ -77,7 +75,7 @@ def test_an_agent_hears_the_end_of_each_episode(agent):
     assert repr(heard) == repr([(record["return"], record["td_error"]) for record in records])
 
 
-def test_an_evaluation_changes_nothing_of_a_random_policy():
+def test_an_evaluation_does_not_change_a_random_policy():
     agent, watched = (make_agent(Config(agent="random")) for _ in range(2))
     for _ in range(5):
         watched.act(np.zeros(4, np.float32), greedy=True)
@@ -85,7 +83,7 @@ def test_an_evaluation_changes_nothing_of_a_random_policy():
 
 
 @every_agent
-def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
+def test_the_same_seed_gives_the_same_run_and_another_seed_does_not(agent):
     (records, one), (again, other) = (trained(Config(agent=agent, **DRIFTING)) for _ in range(2))
     assert records == again and state_bytes(one) == state_bytes(other)
     assert records != trained(Config(agent=agent, seed=1, **DRIFTING))[0]
@@ -93,7 +91,7 @@ def test_two_runs_with_one_seed_are_the_same_and_with_another_are_not(agent):
 
 @every_agent
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
-def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, bootstrap):
+def test_a_restored_agent_continues_identically(tmp_path, agent, bootstrap):
     config = Config(agent=agent, bootstrap=bootstrap, **DRIFTING)
     original, records = make_agent(config), []
     for record in run(config, original):
@@ -107,69 +105,36 @@ def test_an_agent_that_is_restored_goes_on_in_the_same_way(tmp_path, agent, boot
         assert state_bytes(again) == state_bytes(original)
 
 
-@every_agent
-def test_a_run_that_is_killed_and_resumed_ends_with_the_same_bytes(tmp_path, monkeypatch, agent):
-    def dies(*arguments):
-        for record in run(*arguments):
-            yield record
-            if record["episode"] == 8:
-                raise KeyboardInterrupt
-
-    config = Config(agent=agent, bootstrap=0.5, **DRIFTING)
-    monkeypatch.setattr(runs, "CHECKPOINT_SECONDS", -1)  # a checkpoint at every episode
-    monkeypatch.setattr(runs.plots, "learning_curves", lambda *_: None)
-    monkeypatch.setattr(runs.plots, "save", lambda *_: None)
-    runs.train(config, tmp_path / "whole", quiet=True)
-    with monkeypatch.context() as patch:
-        patch.setattr(runs, "run", dies)
-        with pytest.raises(KeyboardInterrupt):
-            runs.train(config, tmp_path / "killed", quiet=True)
-    assert not (tmp_path / "killed" / "summary.json").exists()
-    runs.train(config, tmp_path / "killed", resume=True, quiet=True)
-    for name in ("config.json", "episodes.csv", "checkpoint.npz", "summary.json"):
-        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-
-
 @pytest.mark.parametrize("agent", sorted(set(AGENTS) - {"random"}))
-def test_the_greedy_action_is_the_best_and_uses_no_random_number(agent):
+def test_every_agents_greedy_action_is_the_best_and_uses_no_random_number(agent):
     learner = agent_of(agent)
     feed(learner, 30)
     learner.on_drift("drift")
-    before = state_bytes(learner)
-    assert [learner.act(s, greedy=True) for s in states()] == learner.q(states()).argmax(
-        -1
-    ).tolist()
+    before, best = state_bytes(learner), learner.q(states()).argmax(-1).tolist()
+    assert [learner.act(s, greedy=True) for s in states()] == best
     assert state_bytes(learner) == before
 
 
 @pytest.mark.parametrize(
-    ("control", "agent", "replay"),
-    [("dqn-recency", "dqn", "recency"), ("gbdqn-per", "gbdqn", "proportional")],
+    ("control", "agent", "replay", "kind"),
+    [
+        ("dqn-recency", "dqn", "recency", RecencyReplay),
+        ("gbdqn-per", "gbdqn", "proportional", ProportionalReplay),
+    ],
 )
-def test_the_controls_of_the_replay_differ_in_the_replay_alone(control, agent, replay):
-    (records, one), (same, other) = (
-        trained(Config(**values, **DRIFTING))
-        for values in (dict(agent=control), dict(agent=agent, replay=replay))
-    )
+def test_the_replay_controls_differ_only_in_the_replay(control, agent, replay, kind):
+    records, one = trained(Config(agent=control, **DRIFTING))
+    same, other = trained(Config(agent=agent, replay=replay, **DRIFTING))
     assert records == same and state_bytes(one) == state_bytes(other)
-    assert type(one) is type(other) and type(one.replay) is {"recency": RecencyReplay}.get(
-        replay, ProportionalReplay
-    )
+    assert type(one) is type(other) and type(one.replay) is kind
     assert records != trained(Config(agent=agent, **DRIFTING))[0]
 
 
-def test_all_of_them_can_be_compared(tmp_path, capsys):
+def test_compare_takes_every_agent(tmp_path, capsys, monkeypatch):
+    train_here(monkeypatch)
     settings = flags(**SMALL | dict(episodes=4, schedule=[{"episode": 2, "length": 2}]))
-    command = [
-        "compare",
-        "--agents",
-        ",".join(AGENTS),
-        *settings,
-        "--out",
-        str(tmp_path),
-        "--quiet",
-    ]
-    assert main(command) == 0
+    agents, out = ",".join(AGENTS), str(tmp_path)
+    assert main(["compare", "--agents", agents, *settings, "--out", out, "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert all(agent.label in printed for agent in AGENTS.values())
     assert all((tmp_path / agent / "summary.json").exists() for agent in AGENTS)
@@ -191,40 +156,34 @@ def test_an_ensemble_of_one_is_dqn(replay):
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(2, 6), st.integers(0, 99))
-def test_the_members_start_differently_and_the_first_as_dqn(members, seed):
+def test_the_members_start_differently_and_the_first_starts_as_dqn(members, seed):
     ensemble, dqn = (agent_of(agent, members=members, seed=seed) for agent in ("ensemble", "dqn"))
-    assert ensemble.theta.shape == (members, dqn.net.size) and np.array_equal(
-        ensemble.theta[0], dqn.theta
-    )
+    assert ensemble.theta.shape == (members, dqn.net.size)
+    assert np.array_equal(ensemble.theta[0], dqn.theta)
     for k in range(members):
         assert not (ensemble.theta[k] == np.delete(ensemble.theta, k, 0)).any()
     assert np.array_equal(ensemble.theta, ensemble.theta_target)
     assert not np.shares_memory(ensemble.theta, ensemble.theta_target)
 
 
-def test_the_q_function_is_the_mean_of_the_members():
+def test_an_ensembles_q_function_is_the_mean_of_its_members():
     agent = agent_of("ensemble", members=3)
     feed(agent, 30)
-    expected = (
-        sum(agent.net.forward(theta.astype(np.float64), states())[0] for theta in agent.theta) / 3
-    )
+    thetas = agent.theta.astype(np.float64)
+    expected = sum(agent.net.forward(theta, states())[0] for theta in thetas) / 3
     np.testing.assert_allclose(agent.q(states()), expected, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose([agent.q(s) for s in states()], expected, rtol=1e-5, atol=1e-6)
     assert agent.q(states(6).reshape(2, 3, D)).shape == (2, 3, A)
 
 
 @pytest.mark.parametrize("bootstrap", [1.0, 0.5])
-def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
-    monkeypatch, bootstrap
-):
-    """The same sums one member after the other, one transition after the other, in float64."""
+def test_every_member_is_updated_alone_towards_the_common_target(monkeypatch, bootstrap):
+    """The expected update is summed by member and by transition, in float64."""
     agent = agent_of("ensemble", members=3, bootstrap=bootstrap, max_grad_norm=0.05)
     feed(agent, 60)
     batch, before = agent.replay.sample(8, copy.deepcopy(agent.rng)), agent.theta.astype(np.float64)
-    forward, target = agent.net.forward, agent.theta_target.copy()
-    q_next = np.mean(
-        [forward(theta.astype(np.float64), batch.s2)[0] for theta in agent.theta_target], 0
-    )
+    forward, target = agent.net.forward, agent.theta_target.astype(np.float64)
+    q_next = np.mean([forward(theta, batch.s2)[0] for theta in target], 0)
     y = [batch.r[i] + (0 if batch.terminated[i] else 0.99 * max(q_next[i])) for i in range(8)]
     expected, q = [], np.zeros((3, 8))
     for k in range(3):
@@ -235,26 +194,20 @@ def test_an_update_is_that_of_every_member_by_itself_towards_the_same_target(
             dq[i, a] = agent.seen[batch.index[i], k] * batch.weight[i] * (q_k[i, a] - y[i]) / 8
         grad = agent.net.backward(before[k], cache, dq)
         expected.append(grad * min(1, 0.05 / np.linalg.norm(grad)))
-    calls, noted = caught(monkeypatch, Adam, "step"), []
-    monkeypatch.setattr(
-        agent.replay, "update_priorities", lambda index, delta: noted.append((index, delta))
-    )
+    calls = caught(monkeypatch, Adam, "step")
+    noted = caught(monkeypatch, agent.replay, "update_priorities")
     delta = agent.learn()
     np.testing.assert_allclose(calls[0][2], expected, rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(delta, y - q.mean(0), rtol=1e-3, atol=1e-5)
-    assert (
-        delta.shape == (8,)
-        and np.array_equal(noted[0][1], delta)
-        and np.array_equal(noted[0][0], batch.index)
-    )
-    np.testing.assert_allclose(
-        agent.theta_target, 0.99 * target + 0.01 * agent.theta, rtol=1e-5, atol=1e-7
-    )
+    assert delta.shape == (8,)
+    assert np.array_equal(noted[0][0], batch.index) and np.array_equal(noted[0][1], delta)
+    moved = 0.99 * target + 0.01 * agent.theta
+    np.testing.assert_allclose(agent.theta_target, moved, rtol=1e-5, atol=1e-7)
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.booleans(), min_size=3, max_size=3))
-def test_a_transition_that_a_member_does_not_see_does_not_move_it(sees):
+def test_a_member_does_not_learn_from_a_transition_it_does_not_see(sees):
     agent = agent_of("ensemble", members=3, batch_size=4)
     feed(agent, 20, learn=0)
     agent.seen[:] = sees
@@ -263,17 +216,17 @@ def test_a_transition_that_a_member_does_not_see_does_not_move_it(sees):
     assert (agent.theta != before).any(-1).tolist() == sees
 
 
-def test_a_member_sees_as_much_as_the_config_says_and_a_full_ring_is_drawn_anew():
+def test_what_a_member_sees_is_drawn_once_per_stored_transition():
     agent = agent_of("ensemble", members=4, bootstrap=0.3, capacity=500)
     feed(agent, 500, learn=0)
     first = agent.seen.copy()
     assert agent.seen.shape == (500, 4) and agent.seen.mean(0) == pytest.approx(0.3, abs=0.08)
-    assert len({column.tobytes() for column in first.T}) == 4, "each by itself"
+    assert len({column.tobytes() for column in first.T}) == 4, "each member draws by itself"
     feed(agent, 250, learn=0)
     assert (agent.seen[250:] == first[250:]).all() and not (agent.seen[:250] == first[:250]).all()
 
 
-def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
+def test_with_bootstrap_1_every_member_sees_everything_and_nothing_is_drawn():
     agent = agent_of("ensemble")
     before = agent.rng.bit_generator.state
     feed(agent, 200, learn=0)
@@ -284,24 +237,22 @@ def test_without_bootstrap_all_see_all_and_no_random_number_is_drawn_for_it():
 
 
 @drifts
-def test_a_reset_starts_anew_and_keeps_the_replay(event):
+def test_a_reset_agent_restarts_learning_and_keeps_the_replay(event):
     agent = agent_of("reset")
     feed(agent, 60)
     theta, replay, epsilon = agent.theta.copy(), replay_bytes(agent), agent.epsilon
     agent.on_drift(event)
     assert replay_bytes(agent) == replay and agent.epsilon == epsilon
-    assert (
-        not (agent.theta == theta).any() and np.abs(agent.theta).max() <= 1 / 2
-    )  # U(±1/√4) at the most
-    assert np.array_equal(agent.theta, agent.theta_target) and not np.shares_memory(
-        agent.theta, agent.theta_target
-    )
+    assert not (agent.theta == theta).any()
+    assert np.abs(agent.theta).max() <= 1 / 2  # uniform within ±1/√4 or closer
+    assert np.array_equal(agent.theta, agent.theta_target)
+    assert not np.shares_memory(agent.theta, agent.theta_target)
     assert agent.adam.t == 0 and not agent.adam.m.any() and not agent.adam.v.any()
     feed(agent, 5)
     assert agent.adam.t == 5
 
 
-def test_in_a_run_a_reset_begins_with_each_regime():
+def test_a_reset_agent_restarts_at_each_regime_of_a_run():
     config, updates = Config(agent="reset", **DRIFTING), []
     agent = make_agent(config)
     for _ in run(config, agent):
@@ -309,7 +260,7 @@ def test_in_a_run_a_reset_begins_with_each_regime():
     assert [k for k in range(1, 12) if updates[k] < updates[k - 1]] == [4, 7, 10]
 
 
-def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_ever_after():
+def test_a_frozen_agent_is_dqn_until_the_first_drift_and_never_changes_after_it():
     config, thetas = Config(agent="frozen", **DRIFTING), []
     agent, dqn = make_agent(config), make_agent(Config(agent="dqn", **DRIFTING))
     other = run(dqn.config, dqn)
@@ -321,15 +272,13 @@ def test_a_frozen_agent_is_dqn_until_the_first_drift_and_the_same_to_the_bit_eve
     assert agent.steps == agent.replay.added and not np.isnan(record["td_error"])
 
 
-def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
+def test_a_frozen_agent_stays_frozen_and_keeps_exploring():
     agent = agent_of("frozen", epsilon_start=0.5, epsilon_end=0.5)
     feed(agent, 30)
     agent.on_drift("reset")
     learnt = agent.theta.copy()
     feed(agent, 1)
-    assert not np.array_equal(agent.theta, learnt), (
-        "a return to the stock physics is not the first drift"
-    )
+    assert not np.array_equal(agent.theta, learnt), "a reset does not freeze the agent"
     frozen, s = agent.theta.copy(), states(1)[0]
     for event in ("drift", "drift", "reset"):
         agent.on_drift(event)
@@ -342,7 +291,7 @@ def test_a_frozen_agent_thaws_at_no_later_event_and_goes_on_exploring():
 
 
 @pytest.mark.parametrize(("window", "capacity"), [(1, 90), (25, 90), (90, 25)])
-def test_a_sliding_window_holds_the_last_transitions_and_no_more(window, capacity):
+def test_a_sliding_window_holds_only_the_last_transitions(window, capacity):
     agent, dqn = (agent_of(name, window=window, capacity=capacity) for name in ("sliding", "dqn"))
     feed(dqn, 60, learn=0)
     rng, held = np.random.default_rng(0), []
@@ -362,7 +311,7 @@ def test_a_sliding_window_as_wide_as_the_replay_is_dqn():
     assert records == same != trained(Config(agent="sliding", **DRIFTING))[0]
 
 
-def test_the_random_policy_is_even_and_learns_nothing():
+def test_the_random_policy_is_uniform_and_learns_nothing():
     config = Config(agent="random", **DRIFTING)
     agent = make_agent(config)
     records = list(run(config, agent))
@@ -370,6 +319,5 @@ def test_the_random_policy_is_even_and_learns_nothing():
     assert np.isnan([record["td_error"] for record in records]).all()
     assert records[-1]["steps"] == agent.steps == sum(record["length"] for record in records)
     for greedy in (False, True):
-        assert np.mean([agent.act(None, greedy) for _ in range(4000)]) == pytest.approx(
-            0.5, abs=0.03
-        )
+        actions = [agent.act(None, greedy) for _ in range(4000)]
+        assert np.mean(actions) == pytest.approx(0.5, abs=0.03)

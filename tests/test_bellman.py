@@ -1,4 +1,4 @@
-"""The target, the loss and its gradient, and the two ways to choose an action."""
+"""The TD target, the loss and its gradient, ε-greedy and softmax."""
 
 import numpy as np
 import pytest
@@ -24,31 +24,21 @@ temperatures = positives()
 def test_td_targets_by_hand():
     r, terminated = np.array([1.0, -1.0, 0.0]), np.array([False, False, True])
     q_next = np.array([[2.0, 10.0], [-3.0, -7.0], [50.0, 60.0]])
-    assert td_target(r, terminated, q_next, 0.5).tolist() == [
-        6.0,
-        -2.5,
-        0.0,
-    ]  # 1 + 10/2, −1 − 3/2, 0
+    y = td_target(r, terminated, q_next, 0.5)
+    assert y.tolist() == [1 + 10 / 2, -1 - 3 / 2, 0]
 
 
 @pytest.mark.parametrize("value", [1e30, np.inf, np.nan])
-def test_nothing_is_bootstrapped_from_a_termination(value):
-    """Catches (1 − terminated) · q, which makes NaN of 0 · ∞."""
-    q_next = np.full((2, 3), value)
-    assert td_target(np.array([-1.0, 2.0]), np.array([True, True]), q_next, 0.99).tolist() == [
-        -1.0,
-        2.0,
-    ]
+def test_a_terminal_transition_does_not_bootstrap(value):
+    """Catches (1 − terminated) · q: 0 · ∞ is NaN."""
+    r, terminated = np.array([-1.0, 2.0]), np.array([True, True])
+    assert td_target(r, terminated, np.full((2, 3), value), 0.99).tolist() == r.tolist()
 
 
 @given(rngs(), sizes(6), sizes(3))
-def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
-    q, y, weight, a = (
-        rng.normal(size=(B, A)),
-        rng.normal(size=B),
-        rng.random(B),
-        rng.integers(A, size=B),
-    )
+def test_the_gradient_matches_finite_differences_of_the_loss(rng, B, A):
+    q, y = rng.normal(size=(B, A)), rng.normal(size=B)
+    weight, a = rng.random(B), rng.integers(A, size=B)
 
     def loss(q):
         return weighted_loss(y - q[np.arange(B), a], weight)
@@ -58,23 +48,19 @@ def test_the_gradient_is_the_finite_differences_of_the_loss(rng, B, A):
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-10)
 
 
-def test_each_member_of_a_stack_has_a_gradient_of_its_own():
-    error, weight, a = (
-        np.array([[1.0, -2.0], [3.0, 4.0]]),
-        np.array([[0.5, 1.0], [0.0, 1.0]]),
-        np.array([1, 0]),
-    )
+def test_each_member_of_a_stack_gets_its_own_gradient():
+    error, weight = np.array([[1.0, -2.0], [3.0, 4.0]]), np.array([[0.5, 1.0], [0.0, 1.0]])
+    a = np.array([1, 0])
     assert loss_gradient(error, weight, a, 2).tolist() == [[[0, -0.25], [1, 0]], [[0, 0], [-2, 0]]]
 
 
 def test_the_loss_by_hand():
-    assert (
-        weighted_loss(np.array([2.0, -4.0]), np.array([1.0, 0.5])) == 3.0
-    )  # (½ · 1 · 4 + ½ · ½ · 16) / 2
+    """(½ · 1 · 4 + ½ · ½ · 16) / 2 = 3."""
+    assert weighted_loss(np.array([2.0, -4.0]), np.array([1.0, 0.5])) == 3.0
 
 
 def test_each_weight_stays_with_its_sample():
-    """Catches weights that are normalised away, or that cancel in a (B, B)."""
+    """Catches weights that are normalised away or broadcast to (B, B)."""
     error, weight, a = np.array([1.0, -2.0, 4.0]), np.array([0.25, 0.5, 1.0]), np.array([0, 1, 0])
     one, other = loss_gradient(error, weight, a, 2), loss_gradient(error, weight[::-1], a, 2)
     assert one.tolist() == (np.array([[-0.25, 0], [0, 1], [-4, 0]]) / 3).tolist()
@@ -114,21 +100,19 @@ def test_float32_stays_float32():
 
 
 @given(qs, temperatures, reals(), positives())
-def test_softmax_knows_differences_of_q_in_units_of_the_temperature_only(
+def test_softmax_depends_only_on_differences_of_q_over_the_temperature(
     q, temperature, shift, factor
 ):
     policy = softmax_policy(q, temperature)
     np.testing.assert_allclose(policy.sum(), 1)
-    np.testing.assert_allclose(
-        softmax_policy(q + shift, temperature), policy, rtol=1e-7, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        softmax_policy(factor * q, factor * temperature), policy, rtol=1e-7, atol=1e-12
-    )
+    shifted = softmax_policy(q + shift, temperature)
+    scaled = softmax_policy(factor * q, factor * temperature)
+    np.testing.assert_allclose(shifted, policy, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(scaled, policy, rtol=1e-7, atol=1e-12)
 
 
 @given(qs, temperatures)
-def test_softmax_keeps_the_order_and_gives_up_no_more_than_the_entropy(q, temperature):
+def test_softmax_keeps_the_order_and_loses_at_most_its_entropy(q, temperature):
     """E_π Q ≥ max Q − τ ln |A|: the price of exploring."""
     policy = softmax_policy(q, temperature)
     assert (np.diff(policy[np.argsort(q)]) >= 0).all()
@@ -137,24 +121,23 @@ def test_softmax_keeps_the_order_and_gives_up_no_more_than_the_entropy(q, temper
 
 @given(matrices(3, 2), temperatures)
 def test_softmax_is_over_the_last_axis(q, temperature):
-    np.testing.assert_allclose(
-        softmax_policy(q, temperature), [softmax_policy(row, temperature) for row in q]
-    )
+    rows = [softmax_policy(row, temperature) for row in q]
+    np.testing.assert_allclose(softmax_policy(q, temperature), rows)
 
 
 @pytest.mark.parametrize("temperature", [1e-3, 1e-9, 1e-100])
-def test_a_cold_softmax_is_uniform_over_the_best(temperature):
+def test_a_cold_softmax_is_uniform_over_the_best_actions(temperature):
     assert softmax_policy(np.array([1e3, 0.0, 1e3, -1e3]), temperature).tolist() == [0.5, 0, 0.5, 0]
 
 
 @pytest.mark.parametrize("temperature", [0.0, -1.0, np.nan])
-def test_a_temperature_that_is_none_is_refused(temperature):
+def test_a_temperature_that_is_not_positive_is_refused(temperature):
     with pytest.raises(ValueError, match="temperature must be positive"):
         softmax_policy(np.zeros(2), temperature)
 
 
 @given(st.floats(0, 1), st.floats(0, 1), sizes(1000))
-def test_epsilon_goes_straight_from_start_to_end_and_stays(start, end, decay_steps):
+def test_epsilon_falls_linearly_from_start_to_end_and_stays_there(start, end, decay_steps):
     epsilons = [epsilon_schedule(step, start, end, decay_steps) for step in range(decay_steps + 3)]
     assert epsilons[0] == start
     assert epsilons[-3] == epsilons[-2] == epsilons[-1] == pytest.approx(end, abs=1e-12)
@@ -164,24 +147,22 @@ def test_epsilon_goes_straight_from_start_to_end_and_stays(start, end, decay_ste
 
 def chi_square(draw, probabilities, n=20_000):
     """Σ (observed − expected)² / expected of n draws."""
-    observed, expected = (
-        np.bincount([draw() for _ in range(n)], minlength=len(probabilities)),
-        n * probabilities,
-    )
+    observed = np.bincount([draw() for _ in range(n)], minlength=len(probabilities))
+    expected = n * probabilities
     return ((observed - expected) ** 2 / expected).sum()
 
 
-CHI_SQUARE_3_DOF = 16.266  # its 99.9 % quantile: four actions, three degrees of freedom
+CHI_SQUARE_3_DOF = 16.266  # 99.9 % quantile; four actions have three degrees of freedom
 Q = np.array([0.5, 2.0, -1.0, 0.0], np.float32)
 
 
-def test_epsilon_greedy_explores_evenly_the_best_action_included():
+def test_epsilon_greedy_explores_all_actions_uniformly():
     rng = np.random.default_rng(0)
-    expected = np.array([0.1, 0.7, 0.1, 0.1])  # ε = 0.4 over four actions, and 0.6 for the best
+    expected = np.array([0.1, 0.7, 0.1, 0.1])  # ε = 0.4 over all four, and 0.6 for the best
     assert chi_square(lambda: epsilon_greedy(Q, 0.4, rng), expected) < CHI_SQUARE_3_DOF
 
 
-def test_without_epsilon_the_first_of_the_best_is_taken():
+def test_with_epsilon_0_the_first_best_action_is_taken():
     rng = np.random.default_rng(0)
     assert {epsilon_greedy(np.array([0.0, 1.0, 1.0]), 0.0, rng) for _ in range(100)} == {1}
 

@@ -1,6 +1,6 @@
-"""The benchmark: what it prints and draws, and that what it compares is the same work.
+"""The benchmark: what it prints and draws, and that it compares the same work.
 
-No test here, or anywhere, asserts a speed.
+No test asserts a speed.
 """
 
 import importlib
@@ -35,8 +35,8 @@ import several
 # --- what is printed and drawn --------------------------------------------------------------------
 
 
-def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys, monkeypatch):
-    """But for the processes of the last two tables, which have tests of their own."""
+def test_the_command_prints_every_table_and_draws_the_plot(tmp_path, capsys, monkeypatch):
+    """Without the processes of the last two tables, which are tested below."""
     monkeypatch.setattr(several, "study_seconds", lambda episodes, runs, jobs, dask=False: runs)
     monkeypatch.setattr(several, "two_at_once", lambda code, limit: 1.0)
     out = tmp_path / "new" / "bench.png"
@@ -48,13 +48,8 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys, 
     assert printed.count(f"  {against.OURS}\n") == len(against.UPDATES)
     for label in (*parts.PARTS, "all"):
         assert printed.count(f" {label}\n") == 3
-    for label in (
-        "m = 1",
-        "recency, N = 1,000",
-        "acrobot, stock",
-        "α = closed-form",
-        "1 at a time",
-    ):
+    labels = "m = 1", "recency, N = 1,000", "acrobot, stock", "α = closed-form", "1 at a time"
+    for label in labels:
         assert f" {label}\n" in printed
     assert "numpy before gbdqn_ref\n" in printed
     assert ("pip install -e '.[peers]'" in printed) == bool(peers.missing())
@@ -65,7 +60,7 @@ def test_the_command_prints_every_table_and_draws_the_picture(tmp_path, capsys, 
 @pytest.mark.parametrize(
     ("out", "says"), [("", "is a folder"), ("bench.jpg", "as .png"), ("file/bench.png", "file")]
 )
-def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
+def test_an_impossible_output_path_is_refused_before_measuring(
     out, says, tmp_path, capsys, monkeypatch
 ):
     (tmp_path / "file").touch()
@@ -76,7 +71,7 @@ def test_a_place_that_takes_no_picture_is_refused_before_anything_is_measured(
     assert says in capsys.readouterr().err
 
 
-def test_a_table_shows_three_digits_and_a_dash_where_there_is_no_number(capsys):
+def test_a_table_shows_three_digits_and_a_dash_for_nan(capsys):
     rows = {"one": (1.234, 12.34), "two": (123.4, nan), "three": (1234.5, 0.123)}
     report.table("title", ("µs", "a longer heading"), rows)
     assert capsys.readouterr().out.splitlines() == [
@@ -89,31 +84,30 @@ def test_a_table_shows_three_digits_and_a_dash_where_there_is_no_number(capsys):
     ]
 
 
-def test_the_picture_has_the_numbers_of_the_tables():
+def drawn(axes):
+    """{label: (x, y)} of every line."""
+    return {line.get_label(): tuple(map(list, line.get_data())) for line in axes.lines}
+
+
+def test_the_plot_has_the_numbers_of_the_tables():
     scale = measure.Scale(sizes=(10, 100), boosters=(0, 2))
-    tables = {
-        growth.REPLAY: {
-            f"{kind}, N = {n}": (nan, n + k, nan, nan, nan)
-            for k, kind in enumerate(measure.REPLAYS)
-            for n in scale.sizes
-        },
-        growth.BOOSTERS: {"m = 0": (1.0, 5, 1.1, 6), "m = 2": (1.5, 7, 2.5, 8)},
+    replay = {
+        f"{kind}, N = {n}": (nan, n + k, nan, nan, nan)
+        for k, kind in enumerate(measure.REPLAYS)
+        for n in scale.sizes
     }
-    drawn = [
-        {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in axes.lines}
-        for axes in report.picture(bench.curves(scale, tables)).axes
-    ]
-    assert drawn == [
-        {
-            "uniform": ([10, 100], [10, 100]),
-            "proportional": ([10, 100], [11, 101]),
-            "recency": ([10, 100], [12, 102]),
-        },
-        {
-            "training per environment step": ([0, 2], [1.1, 2.5]),
-            "update": ([0, 2], [1.0, 1.5]),
-        },
-    ]
+    boosters = {"m = 0": (1.0, 5, 1.1, 6), "m = 2": (1.5, 7, 2.5, 8)}
+    curves = bench.curves(scale, {growth.REPLAY: replay, growth.BOOSTERS: boosters})
+    above, below = report.picture(curves).axes
+    assert drawn(above) == {
+        "uniform": ([10, 100], [10, 100]),
+        "proportional": ([10, 100], [11, 101]),
+        "recency": ([10, 100], [12, 102]),
+    }
+    assert drawn(below) == {
+        "training per environment step": ([0, 2], [1.1, 2.5]),
+        "update": ([0, 2], [1.0, 1.5]),
+    }
 
 
 def test_a_library_that_does_not_import_is_named_with_its_reason(monkeypatch):
@@ -129,7 +123,7 @@ def test_a_library_that_does_not_import_is_named_with_its_reason(monkeypatch):
 # --- how time is taken ----------------------------------------------------------------------------
 
 
-def test_the_base_of_a_comparison_is_1_and_a_ratio_is_taken_within_a_turn():
+def test_ratios_are_taken_within_a_turn_and_the_base_is_1():
     times = {"base": [1.0, 10.0, 1.0], "twice": [2.0, 20.0, 2.0], "slow once": [1.0, 10.0, 9.0]}
     rows = measure.compare({name: np.array(values) for name, values in times.items()}, "base")
     assert rows == {"base": (1, 1), "twice": (2, 2), "slow once": (1, 9)}
@@ -152,8 +146,8 @@ def test_one_core_is_used_and_all_are_given_back():
     assert os.sched_getaffinity(0) == before
 
 
-def test_the_parts_of_a_step_are_told_apart_and_add_up():
-    """A clock that goes on by 1 whenever it is read: each part takes as many as it is begun."""
+def test_the_parts_of_a_step_are_measured_apart_and_add_up():
+    """The clock ticks when it is read, so each part takes one tick each time it starts."""
     ticks = count()
     replay = SimpleNamespace(sample=lambda: None, update_priorities=lambda: None)
     agent = SimpleNamespace(act=lambda: None, observe=lambda: None, replay=replay)
@@ -172,7 +166,7 @@ def test_the_parts_of_a_step_are_told_apart_and_add_up():
     assert sum(spent.values()) == next(ticks) - 1
 
 
-def test_a_step_in_parts_is_the_whole_step():
+def test_the_parts_add_up_to_the_whole_step():
     scale = measure.TINY
     agent = agent_of("dqn", episodes=1_000_000)
     timers = parts.part_timers(scale, agent.config, agent)
@@ -187,24 +181,22 @@ def test_a_step_in_parts_is_the_whole_step():
 @pytest.mark.parametrize(
     ("widths", "number"), [((6, 128, 128, 3), 11), ((4, 5, 2), 7), ((4, 2), 3)]
 )
-def test_the_floor_is_the_matrix_products_of_an_update_and_no_more(monkeypatch, widths, number):
-    """Each has as many multiplications as the one it stands for, so the sum over an update must
-    agree.
-    """
+def test_the_floor_counts_exactly_the_matrix_products_of_an_update(monkeypatch, widths, number):
+    """Two forward passes, dW and dh: their multiplications must add up to an update's."""
     multiply, cost = parts.products(8, widths, backward=True), []
-    monkeypatch.setattr(
-        np, "matmul", lambda x, y, out: cost.append(len(x) * x.shape[1] * y.shape[1])
-    )
+
+    def matmul(x, y, out):
+        cost.append(len(x) * x.shape[1] * y.shape[1])
+
+    monkeypatch.setattr(np, "matmul", matmul)
     multiply()
     layers = [8 * n_in * n_out for n_in, n_out in pairwise(widths)]
     assert len(cost) == number
     assert sum(cost) == 2 * sum(layers) + sum(layers) + sum(layers[1:])  # two forward, dW, dh
 
 
-def test_the_memory_is_that_of_all_arrays():
-    """Per transition of Acrobot: two states of 6 float32, an int64, a float32, a bool; then the
-    tree's leaves.
-    """
+def test_the_memory_counts_every_array():
+    """Acrobot: two states of 6 float32, an int64, a float32, a bool; then the tree's leaves."""
     rows = growth.memory(measure.TINY._replace(rows=3200)).rows
     assert rows["uniform replay"][0] == pytest.approx(2 * 6 * 4 + 8 + 4 + 1, abs=0.1)
     assert rows["recency replay"][0] == pytest.approx(61 + 8 + 8 / 32, abs=0.1)
@@ -214,7 +206,7 @@ def test_the_memory_is_that_of_all_arrays():
 
 
 def updates(**values):
-    """The learn() of a small DQN, and what reads its θ, as a peer has them."""
+    """learn() of a small DQN and a function that reads its θ, as for a peer."""
     agent, _ = against.learner(16, (4, 8, 2))
     agent.config = Config(**agent.config.to_dict() | values).resolved()
     return agent.learn, lambda: agent.theta
@@ -225,13 +217,13 @@ def test_the_same_update_passes_the_check():
 
 
 @pytest.mark.parametrize("values", [{"gamma": 0.9}, {"tau": 0.5}])
-def test_another_update_does_not(values):
+def test_another_update_fails_the_check(values):
     agent, _ = against.learner(16, (4, 8, 2))
     with pytest.raises(AssertionError):
         against.check_same_update(agent, *updates(**values), updates=10)
 
 
-def test_the_same_errors_from_another_network_do_not():
+def test_the_same_errors_from_another_network_fail_the_check():
     agent, _ = against.learner(16, (4, 8, 2))
     learn, theta = updates()
     with pytest.raises(AssertionError):
@@ -247,7 +239,7 @@ def test_a_peer_makes_the_same_update(library):
     against.check_same_update(agent, learn, theta, updates=20)
 
 
-def test_training_of_another_size_or_another_frequency_is_refused():
+def test_training_with_another_network_size_or_update_frequency_is_refused():
     agent = agent_of("dqn", update_every=4)
 
     def records(parameters, updates):
@@ -283,20 +275,20 @@ def test_the_compiled_loop_has_gymnasiums_physics_and_learns():
 # --- several processes ----------------------------------------------------------------------------
 
 
-def test_two_processes_get_no_limit_but_the_one_that_is_given(monkeypatch):
+def test_two_processes_get_only_the_given_thread_limit(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     code = "import os; print(sum(int(v) for k, v in os.environ.items() if 'NUM_THREADS' in k))"
     assert several.two_at_once(code, {"MKL_NUM_THREADS": "3"}) == 3
 
 
-def test_training_in_two_processes_and_a_study_run():
+def test_two_training_processes_and_a_study_are_timed():
     code = "import numpy, gbdqn_ref" + several.TRAINING.format(steps=20)
     assert several.two_at_once(code, {}) > 0
     assert several.study_seconds(episodes=1, runs=1, jobs=1) > 0
 
 
-def test_the_time_on_n_cores_is_that_of_start_and_of_the_longest_row_of_runs(monkeypatch):
-    """A study takes 3 s, and each run of it 2 s; two at a time here, since there are two cores."""
+def test_the_computed_time_is_the_start_plus_the_longest_queue_of_runs(monkeypatch):
+    """A study takes 3 s and 2 s per run; two runs at a time, for two cores."""
     monkeypatch.setattr(several, "find_spec", lambda name: name)
     asked = []
 
@@ -311,20 +303,13 @@ def test_the_time_on_n_cores_is_that_of_start_and_of_the_longest_row_of_runs(mon
     assert table.rows["4 at a time"] == (11, 7)
     assert table.rows["2 workers of a Dask cluster"] == (11.5, 11)
     assert table.rows["8 workers, a core each"][1] == 5
-    assert asked == [
-        (9, 8, 1, False),
-        (9, 8, 2, False),
-        (9, 8, 4, False),
-        (9, 1, 1, False),
-        (9, 8, 2, True),
-    ]
+    here = [(9, 8, jobs, False) for jobs in (1, 2, 4)]
+    assert asked == [*here, (9, 1, 1, False), (9, 8, 2, True)]
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="about glibc's malloc")
-def test_freed_memory_is_kept_for_the_next_update():
-    """Without the line in __init__, arrays of this size are fetched from the system anew each time,
-    page by page.
-    """
+def test_freed_memory_is_reused_by_the_next_update():
+    """Without the setting in __init__, the system maps the pages of such arrays every time."""
     code = """
 import resource, gbdqn_ref, numpy as np
 faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -336,7 +321,5 @@ for _ in range(100):
     work()
 print(faults() - before)
 """
-    printed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
+    printed = subprocess.check_output([sys.executable, "-c", code], text=True)
     assert int(printed) < 1_000  # of 44,000 pages

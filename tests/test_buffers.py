@@ -1,4 +1,4 @@
-"""The three buffers against a Python list that does everything slowly; their draws against χ²."""
+"""The three buffers, compared with a slow Python list; their draws, with a χ² test."""
 
 import tracemalloc
 from math import exp
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
-from strategies import positives, reals, rngs, sizes, vectors
+from strategies import positives, rngs, sizes, vectors
 
 from gbdqn_ref.config import Config
 from gbdqn_ref.replay import (
@@ -26,7 +26,7 @@ OFFSET = 0.1
 
 @pytest.fixture(autouse=True, scope="module")
 def small_trees():
-    """Trees that have several levels already at a few transitions."""
+    """Trees that already have several levels with a few transitions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SumTree, "FAN", 4)
         patch.setattr(SumTree, "TOP", 8)
@@ -34,18 +34,13 @@ def small_trees():
 
 
 def transition(number):
-    """(s, a, r, s2, terminated), no two alike."""
-    return (
-        np.array([number, 0.5]),
-        number % 3,
-        -0.25 * number,
-        np.array([number + 1, -0.5]),
-        number % 4 == 3,
-    )
+    """(s, a, r, s2, terminated), different for each number."""
+    s, s2 = np.array([number, 0.5]), np.array([number + 1, -0.5])
+    return s, number % 3, -0.25 * number, s2, number % 4 == 3
 
 
 def fill(replay, n, rng=None):
-    """Add n transitions, and with a generator draw their TD errors, a few of them large."""
+    """Add n transitions; given a generator, draw their TD errors, a few of them large."""
     for number in range(n):
         replay.add(*transition(number))
     if rng:
@@ -77,20 +72,14 @@ class UniformAgainstAList(RuleBasedStateMachine):
             is_exponent=is_exponent,
             normalise=normalise,
         )
-        (
-            options,
-            self.mix,
-            self.rate,
-        ) = {  # the uniform buffer is recency alone at rate 0, the proportional one mix 1
+        # Uniform is recency alone (mix 0) with rate 0; proportional is mix 1.
+        options, self.mix, self.rate = {
             UniformReplay: ({}, 0.0, 0.0),
             ProportionalReplay: (proportional, 1.0, 0.0),
             RecencyReplay: (proportional | dict(mix=mix, recency_rate=rate), mix, rate),
         }[self.kind]
-        self.replay, self.capacity, self.exponent = (
-            self.kind(capacity, D, **options),
-            capacity,
-            exponent,
-        )
+        self.replay = self.kind(capacity, D, **options)
+        self.capacity, self.exponent = capacity, exponent
         self.is_exponent, self.normalise = is_exponent, normalise
         self.added, self.stored, self.largest = 0, [], 1.0
         self.replay.check_valid()
@@ -109,9 +98,8 @@ class UniformAgainstAList(RuleBasedStateMachine):
         for _ in range(n):
             slot = self.replay.add(*transition(self.added))
             assert slot == self.added % self.capacity
-            self.stored = [*self.stored, [slot, transition(self.added), self.largest]][
-                -self.capacity :
-            ]
+            self.stored.append([slot, transition(self.added), self.largest])
+            self.stored = self.stored[-self.capacity :]
             self.added += 1
 
     @rule(n=st.integers(0, 20))
@@ -122,20 +110,17 @@ class UniformAgainstAList(RuleBasedStateMachine):
     @precondition(lambda self: self.stored)
     @rule(rng=rngs(), errors=sizes(8).flatmap(vectors))
     def learn(self, rng, errors):
-        """As an agent does, with the TD errors of a batch; a slot drawn twice keeps the last."""
+        """Learn as an agent does; a slot drawn twice keeps its last TD error."""
         batch, P = self.replay.sample(len(errors), rng), self.probability()
         place = {slot: i for i, (slot, _, _) in enumerate(self.stored)}
         weight = np.array([(len(P) * P[slot]) ** -self.is_exponent for slot in batch.index])
-        np.testing.assert_allclose(
-            batch.weight, weight / (weight.max() if self.normalise else 1), rtol=1e-6
-        )
+        weight /= weight.max() if self.normalise else 1
+        np.testing.assert_allclose(batch.weight, weight, rtol=1e-6)
         self.replay.update_priorities(batch.index, errors)
         for i, slot in enumerate(batch.index):
             entry = self.stored[place[slot]]
-            assert all(
-                np.array_equal(drawn[i], put)
-                for drawn, put in zip(batch[1:6], entry[1], strict=True)
-            )
+            for drawn, added in zip(batch[1:6], entry[1], strict=True):
+                assert np.array_equal(drawn[i], added)
             entry[2] = (abs(errors[i]) + OFFSET) ** self.exponent
             self.largest = max(self.largest, entry[2])
 
@@ -145,15 +130,10 @@ class UniformAgainstAList(RuleBasedStateMachine):
         assert len(self.replay) == len(self.stored)
         for age, (slot, (s, a, r, s2, terminated), _) in enumerate(reversed(self.stored)):
             assert self.replay.age(slot) == age
-            assert (
-                self.replay.s[slot].tolist() == s.tolist()
-                and self.replay.s2[slot].tolist() == s2.tolist()
-            )
-            assert (self.replay.a[slot], self.replay.r[slot], self.replay.terminated[slot]) == (
-                a,
-                r,
-                terminated,
-            )
+            assert self.replay.s[slot].tolist() == s.tolist()
+            assert self.replay.s2[slot].tolist() == s2.tolist()
+            assert (self.replay.a[slot], self.replay.r[slot]) == (a, r)
+            assert self.replay.terminated[slot] == terminated
         P, slots = self.probability(), self.replay.slots()
         assert sorted(slots) == sorted(P)
         if self.stored:
@@ -170,11 +150,9 @@ class RecencyAgainstAList(UniformAgainstAList):
 
 
 def case(machine):
-    """Its test; a failure is shrunk but not explained, which takes a minute."""
-    case = machine.TestCase
-    case.settings = settings(
-        case.settings, stateful_step_count=20, phases=set(Phase) - {Phase.explain}
-    )
+    """Its test; explaining a failure would take a minute, so it is only shrunk."""
+    case, phases = machine.TestCase, set(Phase) - {Phase.explain}
+    case.settings = settings(case.settings, stateful_step_count=20, phases=phases)
     return case
 
 
@@ -189,20 +167,18 @@ TestUniform, TestProportional, TestRecency = map(
 def assert_drawn_from_probabilities(replay, rng, n=100_000):
     """χ² is below its 99.9 % quantile.
 
-    Slots expected less than 5 times are counted with the rarest of the others.
+    Slots expected fewer than 5 times are merged with the rarest of the others.
     """
-    slots = replay.sample(n, rng).index
-    expected, observed = n * replay.probabilities(), np.bincount(slots, minlength=len(replay))
+    size = len(replay)
+    expected = n * replay.probabilities()
+    observed = np.bincount(replay.sample(n, rng).index, minlength=size)
     often = expected >= 5
-    cell = np.where(often, np.arange(len(replay)), np.where(often, expected, np.inf).argmin())
-    observed, expected = (
-        np.bincount(cell, count, minlength=len(replay))[often] for count in (observed, expected)
-    )
+    cell = np.where(often, np.arange(size), np.where(often, expected, np.inf).argmin())
+    observed = np.bincount(cell, observed, minlength=size)[often]
+    expected = np.bincount(cell, expected, minlength=size)[often]
     dof = often.sum() - 1
-    quantile = (
-        dof * (1 - 2 / (9 * dof) + 3.0902 * np.sqrt(2 / (9 * dof))) ** 3
-    )  # Wilson–Hilferty; 39 → 72.06
-    assert ((observed - expected) ** 2 / expected).sum() < quantile
+    quantile = dof * (1 - 2 / (9 * dof) + 3.0902 * np.sqrt(2 / (9 * dof))) ** 3
+    assert ((observed - expected) ** 2 / expected).sum() < quantile  # Wilson–Hilferty: 39 → 72.06
 
 
 REPLAYS = {"uniform": (UniformReplay, {}), "proportional": (ProportionalReplay, {})} | {
@@ -245,14 +221,14 @@ def test_the_same_seed_draws_the_same_batch_and_leaves_the_buffer_alone(kind, op
     assert replay.probabilities().tobytes() == before
 
 
-def test_ages_are_counted_from_the_newest_without_gaps():
+def test_ages_count_from_the_newest_without_gaps():
     """The drawing in the docstring: capacity 5 after 7 transitions."""
     assert fill(UniformReplay(5, D), 7).age(np.arange(5)).tolist() == [1, 0, 4, 3, 2]
     assert fill(UniformReplay(5, D), 3).age(np.arange(3)).tolist() == [2, 1, 0]
 
 
-def test_a_new_transition_enters_with_the_largest_priority_so_far():
-    """The largest that there ever was, not the largest that is left; and 1 before there was any."""
+def test_a_new_transition_gets_the_largest_priority_so_far():
+    """The largest ever, not the largest still stored; 1 before there was any."""
     replay = ProportionalReplay(2, D, priority_offset=0.5, priority_exponent=2.0)
     seen = []
     for error in (0.0, 1.5, 0.0, 0.0):
@@ -265,11 +241,11 @@ def test_a_new_transition_enters_with_the_largest_priority_so_far():
 @pytest.mark.parametrize(
     ("array", "place", "value"),
     [
-        (lambda replay: replay.s, 35, 1.0),  # something in an empty slot
-        (lambda replay: replay.tree.leaves, 35, 1.0),  # which then may be drawn
+        (lambda replay: replay.s, 35, 1.0),  # data in an empty slot
+        (lambda replay: replay.tree.leaves, 35, 1.0),  # an empty slot that may be drawn
         (lambda replay: replay.tree.leaves, 3, -1.0),
-        (lambda replay: replay.tree.leaves, 3, 0.5),  # a leaf that its sum knows nothing of
-        (lambda replay: replay.tree.levels[1], 9, 1.0),  # a sum of nothing
+        (lambda replay: replay.tree.leaves, 3, 0.5),  # a leaf missing from its sum
+        (lambda replay: replay.tree.levels[1], 9, 1.0),  # a sum without leaves
     ],
 )
 def test_check_valid_finds_damage(array, place, value):
@@ -280,7 +256,7 @@ def test_check_valid_finds_damage(array, place, value):
         replay.check_valid()
 
 
-def test_check_valid_finds_a_negative_priority_whose_sums_agree():
+def test_check_valid_finds_a_negative_priority_even_with_consistent_sums():
     replay = fill(ProportionalReplay(40, D), 30)
     replay.tree.set(np.array([3]), -1.0)
     with pytest.raises(AssertionError):
@@ -297,12 +273,9 @@ def test_a_buffer_and_a_config_have_the_same_defaults():
 
 
 @given(st.lists(positives(), min_size=2, max_size=6), st.data())
-def test_with_exponent_1_the_weights_undo_the_probabilities(p, data):
-    """E_P[w f] = mean f, whatever f is, added up over every transition."""
-    P, f = (
-        np.array(p) / sum(p),
-        np.array(data.draw(st.lists(reals(), min_size=len(p), max_size=len(p)))),
-    )
+def test_with_exponent_1_the_weights_cancel_the_probabilities(p, data):
+    """E_P[w f] = mean f for every f, summed over all transitions."""
+    P, f = np.array(p) / sum(p), data.draw(vectors(len(p)))
     w = importance_weights(P, len(P), 1.0, normalise=None)
     assert (P * w * f).sum() == pytest.approx(f.mean(), abs=1e-10)
 
@@ -336,24 +309,22 @@ def test_sampled_weights_are_at_most_1_and_the_largest_is_1(kind, options):
 
 
 @given(rngs(), sizes(600), st.sampled_from([0.01, 0.3, 1.0]), st.sampled_from([0, 1, 8]))
-def test_the_tree_finds_what_a_cumulative_sum_finds(rng, size, density, spread):
-    """Among many empty leaves, of orders of magnitude that differ; up to rounding at the edges."""
+def test_the_tree_finds_the_same_slots_as_a_cumulative_sum(rng, size, density, spread):
+    """With many empty leaves and very different magnitudes, up to rounding at the edges."""
     tree, leaves = SumTree(size), rng.random(size) * 10 ** rng.uniform(-spread, spread, size)
     leaves[rng.random(size) >= density] = 0
     leaves[rng.integers(size)] = 1
     tree.set(np.arange(size), leaves)
     u = np.concatenate([[0, np.nextafter(tree.total(), 0)], rng.random(50) * tree.total()])
     found, edges = tree.find(u), np.concatenate([[0], leaves.cumsum()])
-    assert (
-        leaves[found] > 0
-    ).all()  # catches ≤ for <, and an u that rounding carries past the last leaf
+    assert (leaves[found] > 0).all()  # catches ≤ for <, and a u rounded past the last leaf
     slack = 1e-12 * tree.total()
     assert (edges[found] <= u + slack).all() and (u - slack <= edges[found + 1]).all()
 
 
 @given(rngs(), sizes(600), st.integers(1, 4))
-def test_the_tree_is_exact_in_whole_numbers(rng, size, largest):
-    """Also on the edges, where the next leaf begins."""
+def test_the_tree_is_exact_on_whole_numbers(rng, size, largest):
+    """Even at the edges between leaves."""
     tree, leaves = SumTree(size), rng.integers(largest + 1, size=size)
     leaves[rng.integers(size)] = 1
     for slot in rng.permutation(size):  # one by one, in any order
@@ -365,7 +336,7 @@ def test_the_tree_is_exact_in_whole_numbers(rng, size, largest):
 
 @pytest.mark.parametrize("size", [1, 2048, 2049, 65_536, 65_537, 100_000])
 def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
-    """Around the sizes at which it gets another level."""
+    """Around the sizes at which it gains a level."""
     monkeypatch.setattr(SumTree, "FAN", 32)
     monkeypatch.setattr(SumTree, "TOP", 2048)
     tree, leaves = SumTree(size), np.random.default_rng(size).integers(1, 4, size)
@@ -377,7 +348,7 @@ def test_the_tree_is_exact_at_its_real_size(monkeypatch, size):
 
 @kinds
 def test_adding_a_transition_allocates_nothing(kind, options):
-    """Views and scalars take a few hundred bytes; half of one state, of 16 kB, is too much."""
+    """Views and scalars take a few hundred bytes; half a state, 8 kB, is too much."""
     replay, s = kind(5_000, 4_096, **options), np.ones(4_096, np.float32)
     replay.add(s, 0, 1.0, s, False)
     tracemalloc.start()
@@ -388,44 +359,37 @@ def test_adding_a_transition_allocates_nothing(kind, options):
     assert peak < 8_000
 
 
-def test_no_error_builds_up_in_the_tree():
-    """Catches sums that are kept by adding differences: 1e16 + 1 − 1e16 is 0."""
+def test_the_tree_does_not_accumulate_rounding_errors():
+    """Catches sums updated by differences: 1e16 + 1 − 1e16 is 0."""
     tree = SumTree(300)
     tree.set(np.arange(300), np.ones(300))
     tree.set(7, 1e16)
-    tree.set(np.array([7, 299, 7]), np.array([3.0, 0.5, 1.0]))  # the last one holds
+    tree.set(np.array([7, 299, 7]), np.array([3.0, 0.5, 1.0]))  # of two values the last counts
     assert tree.total() == 299.5
 
 
 @pytest.mark.parametrize("rate", [0.0, 1e-12, 1e-3, 10.0])
 @pytest.mark.parametrize("added", [1, 33, 97])
-def test_the_closed_form_of_the_time_priorities_is_their_sum(rate, added):
-    """Catches 1 − e^{−α}, of which nothing is left at a small rate."""
+def test_the_closed_form_of_the_time_priorities_equals_their_sum(rate, added):
+    """Catches 1 − e^{−α}, which cancels at a small rate."""
     replay = fill(RecencyReplay(40, D, recency_rate=rate), added)
-    assert replay.time_total() == pytest.approx(
-        sum(exp(-rate * age) for age in range(min(added, 40))), rel=1e-13
-    )
+    total = sum(exp(-rate * age) for age in range(min(added, 40)))
+    assert replay.time_total() == pytest.approx(total, rel=1e-13)
 
 
 @given(rngs(), st.floats(0, 1), st.sampled_from(RATES), sizes(60))
-def test_the_share_of_td_error_is_its_part_of_all_priority(rng, mix, rate, added):
+def test_the_td_share_is_the_td_part_of_the_total_priority(rng, mix, rate, added):
     replay = fill(RecencyReplay(40, D, mix=mix, recency_rate=rate), added, rng)
-    td, time = (
-        sum(x) for x in (replay.tree.leaves, (exp(-rate * age) for age in range(len(replay))))
-    )
+    td, time = sum(replay.tree.leaves), sum(exp(-rate * age) for age in range(len(replay)))
     assert replay.td_share() == pytest.approx(mix * td / (mix * td + (1 - mix) * time), rel=1e-12)
     assert 0 <= replay.td_share() <= 1
 
 
-def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
-    replay = fill(RecencyReplay(40, D, mix=0.0, recency_rate=0.0), 97)
-    np.testing.assert_allclose(replay.probabilities(), 1 / 40)
-    newest = (
-        fill(RecencyReplay(40, D, mix=0.0, recency_rate=100.0), 97)
-        .sample(1000, np.random.default_rng(0))
-        .index
-    )
-    assert set(newest) == {96 % 40}
+def test_with_rate_0_recency_is_uniform_and_a_high_rate_draws_only_the_newest():
+    even, newest = (RecencyReplay(40, D, mix=0.0, recency_rate=rate) for rate in (0.0, 100.0))
+    np.testing.assert_allclose(fill(even, 97).probabilities(), 1 / 40)
+    drawn = fill(newest, 97).sample(1000, np.random.default_rng(0)).index
+    assert set(drawn) == {96 % 40}
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -437,14 +401,14 @@ def test_with_rate_0_recency_is_uniform_and_a_high_rate_keeps_to_the_newest():
     [lambda replay: replay.sample(3, np.random.default_rng(0)), lambda r: r.probabilities()],
     ids=["sample", "probabilities"],
 )
-def test_an_empty_buffer_says_so(kind, options, ask):
+def test_an_empty_buffer_cannot_be_sampled(kind, options, ask):
     with pytest.raises(ValueError, match=r"^the buffer is empty"):
         ask(kind(5, D, **options))
 
 
 @kinds
-def test_an_action_before_the_first_is_not_stored(kind, options):
-    """Catches −1, which as an index is the last action."""
+def test_a_negative_action_is_not_stored(kind, options):
+    """Catches −1: as an index it means the last action."""
     replay = kind(5, D, **options)
     with pytest.raises(ValueError, match="not -1"):
         replay.add(np.zeros(D), -1, 0.0, np.zeros(D), False)
@@ -453,7 +417,7 @@ def test_an_action_before_the_first_is_not_stored(kind, options):
 
 @pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
 @pytest.mark.parametrize("error", [np.nan, np.inf, -np.inf])
-def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error):
+def test_a_non_finite_td_error_is_refused_and_changes_nothing(kind, error):
     replay = fill(kind(5, D), 5)
     before = replay.probabilities().tolist()
     with pytest.raises(FloatingPointError, match=f"a priority is {abs(error)}: .* diverged"):
@@ -463,14 +427,14 @@ def test_a_td_error_that_is_no_number_is_refused_and_changes_nothing(kind, error
 
 @pytest.mark.parametrize("kind", [ProportionalReplay, RecencyReplay])
 @pytest.mark.parametrize("priority", [np.nan, np.inf])
-def test_priorities_whose_sum_is_no_number_are_not_said_to_be_0(kind, priority):
+def test_a_non_finite_sum_of_priorities_is_reported_as_such(kind, priority):
     replay = fill(kind(5, D), 5)
     replay.tree.set(np.array([3]), priority)
     with pytest.raises(FloatingPointError, match=f"the priorities add up to {priority}"):
         replay.sample(3, np.random.default_rng(0))
 
 
-# --- where all TD priorities are 0 ----------------------------------------------------------------
+# --- if all TD priorities are 0 -------------------------------------------------------------------
 
 
 def all_zero(kind, n, **options):
@@ -485,7 +449,7 @@ def all_zero(kind, n, **options):
 @pytest.mark.parametrize(
     ("kind", "options"), [(ProportionalReplay, {}), (RecencyReplay, {"mix": 1.0})]
 )
-def test_where_every_priority_is_0_there_is_nothing_to_draw_from(kind, options, n):
+def test_if_every_priority_is_0_nothing_can_be_drawn(kind, options, n):
     with pytest.raises(ValueError, match="priority_offset must be positive"):
         all_zero(kind, n, **options).sample(3, np.random.default_rng(0))
     with pytest.raises(ValueError, match="priority_offset must be positive"):
@@ -494,6 +458,6 @@ def test_where_every_priority_is_0_there_is_nothing_to_draw_from(kind, options, 
 
 @pytest.mark.parametrize("n", [10, 40, 300])
 @pytest.mark.parametrize("mix", [0.0, 0.5])
-def test_without_td_error_recency_alone_is_drawn(mix, n):
+def test_without_td_priority_recency_alone_decides_the_draws(mix, n):
     replay = all_zero(RecencyReplay, n, mix=mix, recency_rate=100.0)
     assert set(replay.sample(100, np.random.default_rng(0)).index) == {n - 1}

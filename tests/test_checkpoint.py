@@ -1,11 +1,10 @@
-"""An agent on disk is the agent, to the bit; what is not an agent is refused and leaves everything
-as it was.
-"""
+"""A checkpoint restores its agent to the bit; anything else is refused and changes nothing."""
 
 import json
 import os
 import zipfile
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,19 +15,13 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.train import Config, make_agent, run
 
 DRIFTING = SMALL | dict(episodes=10, schedule=drifts_at(3, 5, 8))
+FROZEN = dict(target="frozen", alpha="closed-form", loss_on="h")
 CONFIGS = [
     Config(agent="dqn", **DRIFTING),
     Config(agent="dqn", replay="uniform", behaviour="softmax", **DRIFTING),
     Config(agent="gbdqn", **DRIFTING),
-    Config(
-        agent="gbdqn",
-        target="frozen",
-        alpha="closed-form",
-        loss_on="h",
-        replay="proportional",
-        **DRIFTING,
-    ),
-    Config(agent="gbdqn", alpha=1, **DRIFTING),  # a whole number, which once frozen is a float
+    Config(agent="gbdqn", replay="proportional", **FROZEN, **DRIFTING),
+    Config(agent="gbdqn", alpha=1, **DRIFTING),  # an int, but freezing makes it a float
 ]
 every_config = pytest.mark.parametrize(
     "config", CONFIGS, ids=lambda c: f"{c.agent}-{c.replay}-{c.target}-{c.alpha}"
@@ -47,9 +40,7 @@ def saved(tmp_path):
 
 
 def assert_not_loaded(path, config=CONFIGS[2], match="."):
-    """Loading raises a UsageError in one line that names the file, and leaves the agent as it
-    was.
-    """
+    """load() raises a one-line UsageError that names the file, and does not change the agent."""
     agent = make_agent(config)
     before = exact_state(agent)
     with pytest.raises(UsageError, match=match) as caught:
@@ -59,18 +50,12 @@ def assert_not_loaded(path, config=CONFIGS[2], match="."):
 
 
 @every_config
-def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, config):
-    original, states = make_agent(config), {}
-    records = []
+def test_a_restored_agent_is_identical_and_continues_identically(tmp_path, config):
+    original, states, records = make_agent(config), {}, []
     for record in run(config, original):
         records.append(repr(record))
-        if record["episode"] in (
-            0,
-            2,
-            3,
-            6,
-            9,
-        ):  # before learning, before, at and after drifts, at the end
+        # before learning; before, at and after a drift; at the end
+        if record["episode"] in (0, 2, 3, 6, 9):
             checkpoint.save(tmp_path / str(len(records)), original, len(records))
             states[len(records)] = exact_state(original)
     for episodes, state in states.items():
@@ -83,7 +68,7 @@ def test_a_restored_agent_is_the_same_and_goes_on_in_the_same_way(tmp_path, conf
 
 @every_config
 def test_a_run_that_was_over_and_is_given_more_episodes_is_one_that_never_stopped(tmp_path, config):
-    """finish() answers with a copy where it changes anything, so that training can go on."""
+    """If finish() changes the agent, it returns a copy, so that training can continue."""
     straight, stopped = make_agent(config), make_agent(config)
     records = [repr(record) for record in run(config, straight)]
     list(run(replace(config, episodes=6), stopped))
@@ -98,7 +83,7 @@ def test_a_run_that_was_over_and_is_given_more_episodes_is_one_that_never_stoppe
 
 
 @every_config
-def test_the_same_agent_is_the_same_bytes(tmp_path, config):
+def test_the_same_agent_is_saved_as_the_same_bytes(tmp_path, config):
     agents = [make_agent(config), make_agent(config)]
     for i, agent in enumerate(agents):
         list(run(config, agent))
@@ -106,40 +91,21 @@ def test_the_same_agent_is_the_same_bytes(tmp_path, config):
     again = make_agent(config)
     checkpoint.load(tmp_path / "0", again)
     checkpoint.save(tmp_path / "2", again, 10)
-    assert (
-        (tmp_path / "0").read_bytes()
-        == (tmp_path / "1").read_bytes()
-        == (tmp_path / "2").read_bytes()
-    )
+    assert len({(tmp_path / name).read_bytes() for name in "012"}) == 1
 
 
-def test_everything_that_an_agent_learns_with_is_in_its_state(saved):
-    names = set(checkpoint.state(saved[1]))
-    assert names >= {
-        "theta",
-        "theta_target",
-        "steps",
-        "alpha",
-        "rng",
-        "q_frozen",
-        "q_frozen_next",
-        "adam.m",
-        "adam.v",
-        "adam.t",
-        "ensemble.theta",
-        "ensemble.alpha",
-        "replay.s",
-        "replay.a",
-        "replay.r",
-        "replay.s2",
-        "replay.terminated",
-        "replay.added",
-        "replay.max_priority",
-        "replay.tree.levels.0",
+def test_the_state_holds_everything_an_agent_learns_with(saved):
+    parts = {
+        "": "theta theta_target steps alpha rng q_frozen q_frozen_next",
+        "adam.": "m v t",
+        "ensemble.": "theta alpha",
+        "replay.": "s a r s2 terminated added max_priority tree.levels.0",
     }
+    names = {f"{part}{name}" for part, held in parts.items() for name in held.split()}
+    assert names <= set(checkpoint.state(saved[1]))
 
 
-def test_a_loaded_agent_shares_nothing_with_another(saved):
+def test_a_loaded_agent_shares_no_memory_with_the_original(saved):
     path, original = saved
     before = exact_state(original)
     again = make_agent(CONFIGS[2])
@@ -148,7 +114,7 @@ def test_a_loaded_agent_shares_nothing_with_another(saved):
     assert exact_state(original) == before
 
 
-def test_no_pickle_is_ever_read_or_written(saved):
+def test_a_checkpoint_contains_no_pickle(saved):
     with np.load(saved[0], allow_pickle=False) as file:
         assert all(file[name].dtype != object for name in file.files)
 
@@ -157,7 +123,7 @@ def test_no_pickle_is_ever_read_or_written(saved):
 
 
 class Bomb:
-    """Unpickling it makes a folder."""
+    """Unpickling one makes a folder."""
 
     def __init__(self, path):
         self.path = str(path)
@@ -177,15 +143,15 @@ def test_a_truncated_file_is_refused(saved, kept):
 @pytest.mark.parametrize(
     "content", [b"hello\n", b"\x00" * 5000, b"PK\x03\x04", b"\x80\x04N.", b"\x93NUMPY\x01\x00"]
 )
-def test_a_file_that_is_something_else_is_refused(saved, content):
+def test_a_file_of_another_kind_is_refused(saved, content):
     saved[0].write_bytes(content)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_single_array_is_refused(saved):
     with open(saved[0], "wb") as file:
         np.save(file, np.zeros(3))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(
@@ -200,9 +166,9 @@ def test_a_single_array_is_refused(saved):
     ],
     ids=lambda arrays: repr(arrays)[:40],
 )
-def test_arrays_of_something_else_are_refused(saved, arrays):
+def test_an_archive_of_other_arrays_is_refused(saved, arrays):
     np.savez(saved[0], **arrays)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
@@ -216,7 +182,7 @@ def test_a_pickle_in_a_checkpoint_is_refused_and_not_run(saved):
     assert not (path.parent / "exploded").exists()  # catches allow_pickle=True
 
 
-def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path):
     with pytest.raises((UsageError, OSError)):
         checkpoint.load(tmp_path, make_agent(CONFIGS[2]))
 
@@ -230,12 +196,12 @@ def rewritten(path, header=None, drop=(), **arrays):
     np.savez(path, header=np.array(json.dumps(old_header | (header or {}))), **new)
 
 
-def test_rewriting_alone_does_no_harm(saved):
+def test_a_rewritten_checkpoint_still_loads(saved):
     rewritten(saved[0])
     assert checkpoint.load(saved[0], make_agent(CONFIGS[2])) == 6
 
 
-def test_another_format_is_refused(saved):
+def test_another_format_version_is_refused(saved):
     rewritten(saved[0], {"format": 99})
     assert_not_loaded(saved[0], match="99")
 
@@ -243,14 +209,13 @@ def test_another_format_is_refused(saved):
 @pytest.mark.parametrize(
     "other", [dict(seed=1), dict(lr=0.5), dict(agent="dqn"), dict(hidden=(5, 5))], ids=repr
 )
-def test_the_checkpoint_of_another_run_is_refused(saved, other):
-    assert_not_loaded(
-        saved[0], Config.from_dict(CONFIGS[2].to_dict() | other), match="other settings"
-    )
+def test_a_checkpoint_with_other_settings_is_refused(saved, other):
+    config = Config.from_dict(CONFIGS[2].to_dict() | other)
+    assert_not_loaded(saved[0], config, match="other settings")
 
 
 def test_the_checkpoint_of_another_class_is_refused(saved, monkeypatch):
-    """A class that shares all attributes with the one that wrote it is still another algorithm."""
+    """A class with the same attributes is still another algorithm."""
     path, agent = saved
     other = type("Other", (type(agent),), {})
     monkeypatch.setitem(AGENTS, "gbdqn", AGENTS["gbdqn"]._replace(make=other))
@@ -284,19 +249,19 @@ def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
     ],
     ids=repr,
 )
-def test_a_header_that_cannot_be_is_refused(saved, header):
+def test_an_invalid_header_is_refused(saved, header):
     rewritten(saved[0], header)
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize("text", ["many", "[]", "{}", '{"bit_generator": "PCG64"}', "state"])
-def test_a_generator_that_cannot_be_is_refused(saved, text):
+def test_an_invalid_generator_state_is_refused(saved, text):
     if text == "state":  # a number that no generator can hold
         state = json.loads(checkpoint.state(saved[1])["rng"].item())
         state["state"]["state"] = -1
         text = json.dumps(state)
     rewritten(saved[0], rng=np.array(text))
-    assert_not_loaded(saved[0], match="damaged or foreign")
+    assert_not_loaded(saved[0], match="damaged or not a checkpoint")
 
 
 @pytest.mark.parametrize(
@@ -319,28 +284,19 @@ def test_arrays_that_do_not_fit_are_refused(saved, drop, arrays):
 
 
 def spots(data):
-    """(byte, bit): at random, and all of the last directory entry and the end record, which no
-    checksum covers.
+    """(byte, bit): some at random, and all that no checksum covers.
+
+    These are the last directory entry of the archive and its end record.
     """
     rng = np.random.default_rng(0)
-    anywhere = zip(
-        rng.integers(len(data), size=150).tolist(), rng.integers(8, size=150).tolist(), strict=True
-    )
-    return [
-        *anywhere,
-        *((byte, bit) for byte in range(data.rindex(b"PK\1\2"), len(data)) for bit in range(8)),
-    ]
+    anywhere = rng.integers([len(data), 8], size=(150, 2)).tolist()
+    return [*anywhere, *product(range(data.rindex(b"PK\1\2"), len(data)), range(8))]
 
 
 def test_a_flipped_bit_is_refused_or_harmless(saved):
     path, original = saved
-    data, expected, fresh, wrong = (
-        path.read_bytes(),
-        exact_state(original),
-        exact_state(make_agent(CONFIGS[2])),
-        [],
-    )
-    agent, refusals = make_agent(CONFIGS[2]), 0
+    data, agent, refusals, wrong = path.read_bytes(), make_agent(CONFIGS[2]), 0, []
+    expected, fresh = exact_state(original), exact_state(agent)
     for byte, bit in spots(data):
         damaged = bytearray(data)
         damaged[byte] ^= 1 << bit
@@ -363,7 +319,7 @@ def test_a_flipped_bit_is_refused_or_harmless(saved):
 @pytest.mark.skipif(
     not os.path.exists("/proc/self/fd"), reason="counts the open files of this process"
 )
-def test_a_damaged_file_is_closed_again(saved):
+def test_a_damaged_file_is_closed(saved):
     path, _ = saved
     path.write_bytes(path.read_bytes()[:-100])
     before, errors = len(os.listdir("/proc/self/fd")), []
@@ -378,7 +334,7 @@ def test_a_damaged_file_is_closed_again(saved):
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monkeypatch, call):
+def test_an_incomplete_save_leaves_the_previous_checkpoint(saved, monkeypatch, call):
     path, agent = saved
     old = path.read_bytes()
     list(run(CONFIGS[2], agent, 6))
@@ -393,6 +349,6 @@ def test_a_checkpoint_that_cannot_be_completed_leaves_the_one_before(saved, monk
     assert path.read_bytes() == old and checkpoint.load(path, make_agent(CONFIGS[2])) == 6
 
 
-def test_a_checkpoint_is_a_whole_archive(saved):
+def test_a_checkpoint_is_a_valid_zip_archive(saved):
     with zipfile.ZipFile(saved[0]) as archive:
         assert archive.testzip() is None

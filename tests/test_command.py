@@ -1,4 +1,4 @@
-"""The command line in surroundings that do not help: streams, locale, environment variables."""
+"""The command line under unusual streams, locales and environment variables."""
 
 import json
 import os
@@ -34,7 +34,7 @@ def names(folder):
 @pytest.mark.parametrize(
     ("name", "encoding"), [("settings", "latin-1"), ("settings", "ascii"), ("train", "ascii")]
 )
-def test_what_stdout_cannot_encode_is_replaced(tmp_path, name, encoding):
+def test_characters_that_stdout_cannot_encode_are_replaced(tmp_path, name, encoding):
     more = [*FEW, "--out", tmp_path / "out"] if name == "train" else []
     result = subprocess.run(
         command(name, *more), env=environ(PYTHONIOENCODING=encoding), capture_output=True
@@ -43,20 +43,21 @@ def test_what_stdout_cannot_encode_is_replaced(tmp_path, name, encoding):
     assert b"?" in result.stdout.decode(encoding).encode()
 
 
-def test_an_ascii_file_system_takes_all_names_of_ours(tmp_path):
+def test_all_our_file_names_are_ascii(tmp_path):
     status, _, stderr = cli("drift-effect", *FEW, "--out", tmp_path / "out", **ASCII)
     assert (status, stderr) == (0, "")
     assert all(str(path.relative_to(tmp_path)).isascii() for path in tmp_path.rglob("*"))
 
 
-def test_a_name_of_the_user_works_where_it_cannot_be_printed(tmp_path):
-    status, _, stderr = cli("compare", *FEW, "--out", tmp_path / "résumé", **ASCII)
+def test_a_folder_whose_name_cannot_be_printed_works(tmp_path):
+    more = ["--agents", "dqn", "--out", tmp_path / "résumé"]
+    status, _, stderr = cli("compare", *FEW, *more, **ASCII)
     assert (status, stderr) == (0, "")
     assert names(tmp_path / "résumé" / "dqn") == RUN
 
 
 def through_a_closed_pipe(stream, *arguments, **variables):
-    """The result of a command whose stdout or stderr is a pipe that nobody reads."""
+    """Run a command whose stdout or stderr is a pipe that nobody reads."""
     reader, writer = os.pipe()
     os.close(reader)
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | {stream: writer}
@@ -67,7 +68,7 @@ def through_a_closed_pipe(stream, *arguments, **variables):
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("name", ["train", "settings", "--help"])
-def test_a_stdout_that_nobody_reads_is_no_error(tmp_path, name, unbuffered):
+def test_a_closed_stdout_pipe_is_no_error(tmp_path, name, unbuffered):
     more = [*FEW, "--out", tmp_path / "run"] if name == "train" else []
     result = through_a_closed_pipe("stdout", name, *more, PYTHONUNBUFFERED=unbuffered)
     assert (result.returncode, result.stderr) == (0, "")
@@ -75,18 +76,17 @@ def test_a_stdout_that_nobody_reads_is_no_error(tmp_path, name, unbuffered):
 
 
 @pytest.mark.parametrize(("arguments", "status"), [(FEW, 0), (["--env", "x"], 2)])
-def test_a_stderr_that_nobody_reads_is_no_error(tmp_path, arguments, status):
+def test_a_closed_stderr_pipe_is_no_error(tmp_path, arguments, status):
     result = through_a_closed_pipe("stderr", "train", *arguments, "--out", tmp_path / "run")
     assert result.returncode == status
     assert status or names(tmp_path / "run") == RUN
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
-def test_streams_that_are_closed_are_no_error(tmp_path, closed):
+def test_closed_streams_are_no_error(tmp_path, closed):
     line = " ".join(f"'{part}'" for part in command("train", *FEW, "--out", tmp_path / "run"))
-    result = subprocess.run(
-        f"{line} {closed}", shell=True, env=environ(), capture_output=True, text=True
-    )
+    options = dict(shell=True, env=environ(), capture_output=True, text=True)
+    result = subprocess.run(f"{line} {closed}", **options)
     assert (result.returncode, result.stderr) == (0, "")
     assert names(tmp_path / "run") == RUN
     assert "Traceback" not in result.stdout and "ep/s" not in result.stdout
@@ -94,7 +94,7 @@ def test_streams_that_are_closed_are_no_error(tmp_path, closed):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_disk_behind_stdout_is_one_line(tmp_path, unbuffered):
+def test_a_full_disk_behind_stdout_is_reported_in_one_line(tmp_path, unbuffered):
     with open("/dev/full", "w") as full:
         result = subprocess.run(
             command("train", *FEW, "--out", tmp_path / "run"),
@@ -109,7 +109,7 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path, unbuffered):
 
 
 def seen_on_a_terminal(*arguments):
-    """What a command shows to somebody at a terminal."""
+    """What a command prints to stderr if that is a terminal."""
     terminal, end = pty.openpty()
     termios.tcsetwinsize(end, (24, 80))
     with subprocess.Popen(
@@ -117,7 +117,7 @@ def seen_on_a_terminal(*arguments):
     ) as process:
         os.close(end)
         seen = b""
-        with suppress(OSError):  # Linux's way to say that nobody writes any more
+        with suppress(OSError):  # so Linux says that all writers have closed it
             while part := os.read(terminal, 10_000):
                 seen += part
         os.close(terminal)
@@ -126,11 +126,12 @@ def seen_on_a_terminal(*arguments):
 
 
 @pytest.mark.parametrize(("name", "episodes"), [("train", 3), ("compare", 6)])
-def test_a_bar_counts_the_episodes_on_a_terminal_but_not_in_a_log(tmp_path, name, episodes):
+def test_the_progress_bar_appears_on_a_terminal_but_not_in_a_log(tmp_path, name, episodes):
     seen = seen_on_a_terminal(name, *FEW, "--out", tmp_path / "seen")
     assert f" 0/{episodes} " in seen and f" {episodes}/{episodes} " in seen
-    assert seen_on_a_terminal(name, *FEW, "--out", tmp_path / "quiet", "--quiet") == ""
-    status, _, stderr = cli(name, *FEW, "--out", tmp_path / "logged")
+    one = ["--agent" if name == "train" else "--agents", "random"]
+    assert seen_on_a_terminal(name, *FEW, *one, "--out", tmp_path / "quiet", "--quiet") == ""
+    status, _, stderr = cli(name, *FEW, *one, "--out", tmp_path / "logged")
     assert (status, stderr) == (0, "")
 
 
@@ -138,14 +139,14 @@ def test_a_bar_counts_the_episodes_on_a_terminal_but_not_in_a_log(tmp_path, name
 
 
 @pytest.mark.parametrize("name", ["--help", "compare"])
-def test_a_foreign_backend_of_matplotlib_does_not_matter(tmp_path, name):
-    more = [] if name == "--help" else [*FEW, "--out", tmp_path / "run"]
+def test_an_invalid_mplbackend_does_not_matter(tmp_path, name):
+    more = [] if name == "--help" else ["--agents", "dqn", *FEW, "--out", tmp_path / "run"]
     status, stdout, stderr = cli(name, *more, MPLBACKEND="nonsense")
     assert (status, stderr) == (0, "") and stdout
 
 
 @pytest.mark.parametrize("renderer", ["nonsense", "osmesa"])
-def test_training_does_not_draw_and_so_needs_no_renderer(tmp_path, renderer):
+def test_training_needs_no_renderer(tmp_path, renderer):
     more = ["--agent", "random", "--out", tmp_path / "run"]
     status, _, stderr = cli("train", *HOPPER, *more, MUJOCO_GL=renderer)
     assert (status, stderr) == (0, "")
@@ -164,7 +165,7 @@ def test_a_film_without_a_renderer_is_refused_in_one_line(tmp_path):
 # --- errors that are not the user's ---------------------------------------------------------------
 
 
-def test_too_little_memory_is_one_line(tmp_path, monkeypatch, capsys):
+def test_too_little_memory_is_reported_in_one_line(tmp_path, monkeypatch, capsys):
     def train(*args, **options):
         raise MemoryError("Unable to allocate 12.0 GiB")
 
@@ -172,10 +173,9 @@ def test_too_little_memory_is_one_line(tmp_path, monkeypatch, capsys):
     refused(capsys, tmp_path, ["train", "--out", str(tmp_path / "run")], "12.0 GiB")
 
 
-def test_divergence_is_one_line_and_a_status_of_its_own(tmp_path):
-    status, stdout, stderr = cli(
-        "train", "--agent", "dqn", *DIVERGES, "--out", tmp_path / "run", "--quiet"
-    )
+def test_divergence_is_reported_in_one_line_with_exit_status_3(tmp_path):
+    more = ["--agent", "dqn", "--out", tmp_path / "run", "--quiet"]
+    status, stdout, stderr = cli("train", *DIVERGES, *more)
     assert (status, stdout, stderr.count("\n")) == (3, "", 1)
     assert stderr.startswith("gbdqn_ref: training diverged in episode ")
     assert names(tmp_path / "run") == {"config.json", "episodes.csv"}
@@ -194,7 +194,7 @@ def test_a_run_that_diverges_fails_and_the_others_finish(tmp_path):
 
 
 def listed(capsys, *arguments):
-    """{setting: the cells of its line}, and the notes below."""
+    """{setting: the cells of its line}, and the notes below the table."""
     assert main(["settings", *arguments]) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line]
     assert lines[1].split() == ["setting", "value", "source", "range", "meaning"]
@@ -210,7 +210,7 @@ def test_every_setting_is_listed_with_its_default_and_range(capsys):
         assert words == SETTINGS[name][1].words
         assert meaning.endswith(".")
     assert rows["gamma"] == ["0.99", "paper", "a number in [0, 1)", "Discount γ."]
-    assert rows["window"][3].endswith(" Read by sliding alone.")
+    assert rows["window"][3].endswith(" Only for sliding.")
     assert rows["members"][1] == "ours (D19)"
     assert rows["mix"][1] == "ours (D13)"
     assert rows["seed"][1] == "free"
@@ -229,7 +229,7 @@ def test_the_settings_of_a_preset_are_listed_with_their_sources(capsys):
     assert rows["recency_rate"][1] == "ours (D5)"
 
 
-def test_a_preset_alone_is_one_of_cartpole_as_it_is_in_training(capsys):
+def test_a_preset_without_an_environment_is_cartpoles_as_in_training(capsys):
     assert listed(capsys, "--preset", "fast") == listed(capsys, "--env", "cartpole-fast")
 
 
@@ -245,7 +245,7 @@ print(run_study(grid({"random": base}, range(2)), "study", jobs=2))
 """
 
 
-def test_a_study_needs_no_guard_in_the_script_that_calls_it(tmp_path):
+def test_a_script_can_call_run_study_without_a_main_guard(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     result = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, env=environ(), capture_output=True, text=True

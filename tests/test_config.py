@@ -1,6 +1,4 @@
-"""One dataclass that says everything about a run: what it accepts, what it refuses, and in which
-words.
-"""
+"""Config, the dataclass of all settings of a run: what it accepts and what it refuses."""
 
 import ast
 import inspect
@@ -53,16 +51,14 @@ def test_a_config_survives_json(a_config):
 
 @pytest.mark.parametrize(("name", "env"), ALL_PRESETS)
 @pytest.mark.parametrize("agent", AGENTS)
-def test_every_preset_is_a_config_with_a_drift(name, env, agent):
+def test_every_preset_is_a_valid_config_with_a_drift(name, env, agent):
     preset = Config.preset(env, name, agent=agent, seed=3)
     assert (preset.env, preset.agent, preset.seed) == (env, agent, 3)
     assert Config.from_dict(preset.to_dict()) == preset
-    assert [entry["episode"] for entry in preset.schedule if entry["episode"] < preset.episodes], (
-        "nothing would drift"
-    )
+    assert any(entry["episode"] < preset.episodes for entry in preset.schedule)
 
 
-def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another():
+def test_every_environment_has_exactly_these_presets():
     presets = {env: [name for name in PRESETS if env in PRESETS[name]] for env in FACTORS}
     assert presets == {
         "cartpole": ["paper", "fast", "recurring", "null", "held-out"],
@@ -73,7 +69,7 @@ def test_every_environment_has_the_presets_paper_and_fast_and_some_have_another(
 
 
 @pytest.mark.parametrize("env", FACTORS)
-def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
+def test_recurring_returns_to_the_same_physics_and_null_never_changes_them(env):
     recurring, null = Config.preset(env, "recurring"), Config.preset(env, "null")
     starts = [[regime.start for regime in each.regimes] for each in (recurring, null)]
     assert starts[0] == starts[1] and len(starts[0]) >= 5
@@ -87,7 +83,7 @@ def test_recurring_physics_come_back_and_under_null_nothing_changes(env):
 
 
 @pytest.mark.parametrize("env", sorted(PRESETS["held-out"]))
-def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
+def test_the_held_out_schedule_has_new_factors_and_a_gradual_drift(env):
     recurring, held = Config.preset(env, "recurring"), Config.preset(env, "held-out")
     known = {entry["episode"] for entry in recurring.schedule}
     assert known.isdisjoint(r.start for r in held.regimes if r.end - r.start != 10 and r.start)
@@ -97,91 +93,54 @@ def test_the_held_out_schedule_has_other_parameters_and_a_drift_by_degrees(env):
     assert lengths.count(10) == 4 and len(set(lengths)) > 4
 
 
-def test_a_preset_can_be_named_with_its_environment():
-    assert (
-        Config.preset("hopper-long") == Config.preset("hopper", "long") != Config.preset("hopper")
-    )
-    assert (
-        Config.preset("acrobot-hard", agent="dqn").schedule
-        == PRESETS["hard"]["acrobot"]["schedule"]
-    )
+def test_an_environments_name_can_include_its_preset():
+    long = Config.preset("hopper", "long")
+    assert Config.preset("hopper-long") == long != Config.preset("hopper")
+    hard = Config.preset("acrobot", "hard", agent="dqn")
+    assert Config.preset("acrobot-hard", agent="dqn") == hard
 
 
-def test_the_acrobot_preset_has_the_papers_values():
-    preset = Config.preset("acrobot")
-    paper = dict(
-        episodes=600,
-        hidden=(128, 128),
-        lr=1e-3,
-        max_grad_norm=10.0,
-        capacity=50_000,
-        window=5_000,
-        batch_size=64,
-        learning_starts=1000,
-        update_every=4,
-        tau=0.01,
-        epsilon_start=1.0,
-        epsilon_end=0.05,
-        epsilon_decay_steps=20_000,
-        gamma=0.99,
-        alpha=0.1,
-    )
-    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
+BOTH = dict(max_grad_norm=10.0, update_every=4, tau=0.01, gamma=0.99, alpha=0.1)
+BOTH |= dict(epsilon_start=1.0, epsilon_end=0.05, gradient_steps=1, behaviour="epsilon-greedy")
+PAPER = {
+    "acrobot": BOTH
+    | dict(episodes=600, hidden=(128, 128), lr=1e-3, batch_size=64, learning_starts=1000)
+    | dict(capacity=50_000, window=5_000, epsilon_decay_steps=20_000),
+    "hopper": BOTH
+    | dict(episodes=500, hidden=(256, 256), lr=3e-4, batch_size=128, learning_starts=5000)
+    | dict(capacity=200_000, epsilon_decay_steps=100_000),
+}
 
 
-def test_the_hopper_preset_has_the_papers_values():
-    preset = Config.preset("hopper")
-    paper = dict(
-        episodes=500,
-        hidden=(256, 256),
-        lr=3e-4,
-        max_grad_norm=10.0,
-        capacity=200_000,
-        batch_size=128,
-        learning_starts=5000,
-        update_every=4,
-        tau=0.01,
-        epsilon_start=1.0,
-        epsilon_end=0.05,
-        epsilon_decay_steps=100_000,
-        gamma=0.99,
-        alpha=0.1,
-        gradient_steps=1,
-        behaviour="epsilon-greedy",
-    )
-    assert {key: getattr(preset.resolved(), key) for key in paper} == paper
-    names = [(entry["episode"], set(entry) - {"episode"}) for entry in preset.schedule]
-    assert names == [
-        (100, {"gravity"}),
-        (200, {"mass"}),
-        (300, {"mass", "gravity", "friction"}),
-        (400, {"reset"}),
-    ]
+@pytest.mark.parametrize("env", PAPER)
+def test_the_preset_has_the_papers_values(env):
+    resolved = Config.preset(env).resolved()
+    assert {key: getattr(resolved, key) for key in PAPER[env]} == PAPER[env]
 
 
-def test_the_long_hopper_is_the_papers_but_for_its_length_and_what_leaves_time_to_learn():
+def test_the_hoppers_drifts_change_the_papers_constants():
+    schedule = Config.preset("hopper").schedule
+    assert [entry["episode"] for entry in schedule] == [100, 200, 300, 400]
+    changed = [set(entry) - {"episode"} for entry in schedule]
+    assert changed == [{"gravity"}, {"mass"}, {"mass", "gravity", "friction"}, {"reset"}]
+
+
+def test_the_long_hopper_differs_from_the_papers_only_in_length_and_warm_up():
     paper, long = Config.preset("hopper").to_dict(), Config.preset("hopper", "long").to_dict()
     changed = {key for key in paper if paper[key] != long[key]}
-    assert changed == {
-        "episodes",
-        "schedule",
-        "learning_starts",
-        "epsilon_decay_steps",
-        "mix",
-        "recency_rate",
-    }
+    warm_up = {"learning_starts", "epsilon_decay_steps", "mix", "recency_rate"}
+    assert changed == {"episodes", "schedule"} | warm_up
     assert long["episodes"] == 3 * paper["episodes"]
-    assert long["schedule"] == [
-        entry | {"episode": 3 * entry["episode"]} for entry in paper["schedule"]
-    ]
+    tripled = [entry | {"episode": 3 * entry["episode"]} for entry in paper["schedule"]]
+    assert long["schedule"] == tripled
 
 
 @pytest.mark.parametrize(
     ("name", "n", "priority"),
     [("paper", 14_000, 1.2), ("fast", 30_000, 1.3), ("long", 180_000, 2.5)],
 )
-def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, priority):
-    # transitions and mean p^TD at the end of the runs, as measured
+def test_recency_has_over_a_third_of_the_draws_at_the_end_of_a_run(name, n, priority):
+    """n and priority: transitions and mean p^TD measured at the end of such runs."""
     preset = Config.preset("hopper", name, capacity=n)
     replay = make_replay(preset.resolved(), 1)
     replay.added = n
@@ -190,7 +149,7 @@ def test_recency_has_at_least_a_third_of_the_draws_where_a_run_ends(name, n, pri
 
 
 @pytest.mark.parametrize("env", ["acrobot", "mountaincar"])
-def test_the_papers_drifts_come_at_the_papers_episodes(env):
+def test_drifts_come_at_the_papers_episodes(env):
     schedule = Config.preset(env).schedule
     assert [entry["episode"] for entry in schedule] == [150, 250, 350, 450]
     assert schedule[-1] == {"episode": 450, "reset": True}
@@ -199,29 +158,28 @@ def test_the_papers_drifts_come_at_the_papers_episodes(env):
     assert third == first | second, "the third drift is the first and the second together"
 
 
-def test_given_values_take_precedence_over_a_preset():
-    assert Config.preset("acrobot", lr=0.5, schedule=[]).to_dict() == Config.preset(
-        "acrobot"
-    ).to_dict() | {"lr": 0.5, "schedule": []}
+def test_given_values_override_a_preset():
+    given = {"lr": 0.5, "schedule": []}
+    preset = Config.preset("acrobot").to_dict()
+    assert Config.preset("acrobot", **given).to_dict() == preset | given
 
 
 @pytest.mark.parametrize("agent", AGENTS)
-def test_each_agent_has_its_replay_by_default_and_any_other_on_request(agent):
+def test_each_agent_has_a_default_replay_that_can_be_overridden(agent):
     own = "recency" if agent in ("gbdqn", "dqn-recency") else "proportional"
     assert Config(agent=agent).resolved().replay == own
     assert Config(agent=agent, replay="uniform").resolved().replay == "uniform"
 
 
 @pytest.mark.parametrize("name", [*FLOATS, "alpha"])
-def test_a_whole_number_will_do_for_a_float(name):
+def test_a_whole_number_is_accepted_as_a_float(name):
+    """config.json has the same bytes, and α is a float before and after a drift."""
     whole = 0 if name == "gamma" else 1
-    # also to the byte of config.json, and so that α is a float before and after a drift
-    assert json.dumps(Config(**{name: whole}).to_dict()) == json.dumps(
-        Config(**{name: float(whole)}).to_dict()
-    )
+    configs = [Config(**{name: value}) for value in (whole, float(whole))]
+    assert len({json.dumps(each.to_dict()) for each in configs}) == 1
 
 
-def test_a_list_will_do_for_the_widths():
+def test_a_list_is_accepted_for_the_widths():
     assert Config(hidden=[8, 4]) == Config(hidden=(8, 4))
     assert Config(hidden=[]).hidden == ()
 
@@ -232,7 +190,7 @@ def test_a_config_cannot_be_changed(name):
         setattr(Config(), name, 1)
 
 
-def test_the_schedule_of_a_config_is_its_own():
+def test_a_config_copies_its_schedule():
     schedule = [{"episode": 1, "gravity": 2.0}]
     a_config = Config(schedule=schedule)
     schedule[0]["gravity"] = 3.0
@@ -243,21 +201,18 @@ def test_the_schedule_of_a_config_is_its_own():
     assert json.dumps(PRESETS) == before
 
 
-def test_every_field_is_followed_by_a_sentence_about_it():
+def test_every_field_is_followed_by_its_description():
     tree = ast.parse(inspect.getsource(config))
-    (body,) = (
-        node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == "Config"
-    )
+    classes = {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
+    body = classes["Config"].body
     named = [i for i, node in enumerate(body) if isinstance(node, ast.AnnAssign)]
     assert [body[i].target.id for i in named] == [field.name for field in fields(Config)]
     for i in named:
-        sentence = ast.literal_eval(body[i + 1].value)
-        assert isinstance(sentence, str) and len(sentence) > 10 and sentence.endswith("."), body[
-            i
-        ].target.id
+        sentence, field = ast.literal_eval(body[i + 1].value), body[i].target.id
+        assert isinstance(sentence, str) and len(sentence) > 10 and sentence.endswith("."), field
 
 
-WRONG = {  # values of a wrong kind, by the kinds that are right
+WRONG = {  # values of a wrong type, by the right types
     (str,): (None, 3, True, ["dqn"]),
     (str, NoneType): (1, False, ["recency"]),
     (int,): (1.5, 2.0, nan, "9", None, True, [1]),
@@ -284,10 +239,10 @@ def test_a_bad_value_is_refused_in_one_line_that_names_the_field(name, value):
     assert "\n" not in message
     assert name in message
     if name not in ("schedule", "hidden") and value != 10**400:
-        assert repr(value) in message, "the message shows what was given"
+        assert repr(value) in message, "the message shows the given value"
 
 
-EDGES = {  # the outermost values that are right
+EDGES = {  # the values at the limits
     "seed": (0, 2**32 - 1),
     "gamma": (0.0, 0.999),
     "hidden": ((1, 4096), ()),
@@ -309,7 +264,7 @@ EDGES = {  # the outermost values that are right
 @pytest.mark.parametrize(
     ("name", "value"), [(name, value) for name, values in EDGES.items() for value in values]
 )
-def test_what_is_just_allowed_is_taken(name, value):
+def test_values_at_the_limits_are_accepted(name, value):
     assert getattr(Config(**{name: value}), name) == value
 
 
@@ -331,14 +286,14 @@ def test_every_field_has_a_rule_and_a_value_that_breaks_it(name):
         ("schedule", [{"episode": np.int64(3), "gravity": np.float64(2.0)}]),
     ],
 )
-def test_numpys_numbers_will_do(name, value):
+def test_numpy_numbers_are_accepted(name, value):
     a_config = Config(**{name: value})
     assert getattr(a_config, name) == value
     assert Config.from_dict(json.loads(json.dumps(a_config.to_dict()))) == a_config
 
 
-def test_a_setting_that_is_the_agents_own_follows_a_change_of_agent():
-    """Else "dqn" would train on GB-DQN's replay."""
+def test_an_agents_default_follows_a_change_of_agent():
+    """Otherwise "dqn" would train on GB-DQN's replay."""
     gbdqn = Config.preset("acrobot", agent="gbdqn")
     assert (gbdqn.replay, gbdqn.resolved().replay) == (None, "recency")
     for dqn in (replace(gbdqn, agent="dqn"), Config.from_dict(gbdqn.to_dict() | {"agent": "dqn"})):
@@ -363,14 +318,14 @@ def test_the_environment_of_a_preset_is_not_replaced_by_another():
 
 
 @pytest.mark.parametrize("name", ["fast", "paper"])
-def test_an_environment_with_its_preset_takes_no_other_preset(name):
+def test_an_environment_named_with_its_preset_takes_no_other_preset(name):
     with pytest.raises(UsageError, match=f"names the preset hard, so it cannot be '{name}'"):
         Config.preset("acrobot-hard", name)
     assert Config.preset("acrobot-hard", "hard") == Config.preset("acrobot-hard")
 
 
 @pytest.mark.parametrize("values", [None, [], "dqn", 5, [["lr", 0.1]]])
-def test_settings_that_are_no_mapping_are_refused(values):
+def test_settings_that_are_not_a_mapping_are_refused(values):
     with pytest.raises(UsageError, match="settings must be a mapping"):
         Config.from_dict(values)
 
@@ -389,12 +344,12 @@ def test_the_source_of_a_value_is_the_paper_or_a_deviation():
     ("name", "meant"),
     [("epsiodes", "episodes"), ("batchsize", "batch_size"), ("Gamma", "gamma"), ("seeds", "seed")],
 )
-def test_an_unknown_setting_is_refused_with_the_one_that_was_meant(name, meant):
+def test_an_unknown_setting_is_refused_with_a_suggestion(name, meant):
     with pytest.raises(UsageError, match=f"no setting '{name}'; did you mean '{meant}'"):
         Config.from_dict({name: 1})
 
 
-def test_an_unknown_setting_like_no_other_is_refused_without_a_guess():
+def test_an_unknown_setting_unlike_all_others_gets_no_suggestion():
     with pytest.raises(UsageError, match=r"^there is no setting 'xyzzy'$"):
         Config.from_dict({"xyzzy": 1})
 
@@ -429,6 +384,6 @@ def test_an_unknown_preset_is_refused_with_the_known_ones(arguments, message):
         Config.preset(*arguments)
 
 
-def test_a_choice_is_refused_with_all_that_there_are():
+def test_a_wrong_choice_is_refused_with_the_valid_ones():
     with pytest.raises(UsageError, match=r"^target must be one of live, frozen, not 'half'$"):
         Config(target="half")

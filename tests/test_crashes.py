@@ -1,8 +1,8 @@
-"""Every state in which a crash can leave a run's folder: each goes on to the same bytes.
+"""A run resumes to the same bytes from every state in which a crash can leave its folder.
 
-A recorder notes what a run writes. After each of its steps it lists what a disk may hold if the
-power fails there: what was synced is kept; of what was written since, any part may be lost, and of
-several names that were given since, each may be the old one.
+A recorder watches what a run writes. After each step it lists what a disk may hold if the power
+fails there: synced data is safe, of later data any part may be lost, and each later rename may be
+undone.
 """
 
 import builtins
@@ -11,10 +11,10 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from helpers import SMALL, Crash, checkpoints_every, contents, drifts_at
+from helpers import SMALL, Crash, checkpoints_every, contents, crashing_after, drifts_at
 from matplotlib.figure import Figure
 
-from gbdqn_ref import files, runs, train
+from gbdqn_ref import files, runs
 from gbdqn_ref.config import Config
 
 CONFIG = Config(
@@ -23,7 +23,7 @@ CONFIG = Config(
 
 
 class Node:
-    """The content of a file, with the lengths to which a crash may cut it."""
+    """The content of a file and the lengths to which a crash may cut it."""
 
     def __init__(self, content=b""):
         self.content, self.lengths = content, {len(content)}
@@ -40,7 +40,7 @@ class Node:
 
 
 class Recorder:
-    """Stands between the package and one folder, and knows what a crash would leave of it."""
+    """Stands between the package and one folder and knows what a crash would leave in it."""
 
     def __init__(self, folder, patch):
         self.names = {path.name: {Node(path.read_bytes())} for path in folder.glob("*")}
@@ -53,7 +53,7 @@ class Recorder:
         self.note()
 
     def bind(self, name, node):
-        """From now on the name may mean this node; until the folder is synced, or an older one."""
+        """From now on the name may mean this node, or an older one until the folder is synced."""
         self.names.setdefault(name, {None}).add(node)
         self.now[name] = node
         self.note()
@@ -77,7 +77,7 @@ class Recorder:
         self.names[Path(source).name].add(None)
 
     def note(self):
-        """Add every folder that a crash may leave now: {name: content}."""
+        """Add every {name: content} that a crash may leave now."""
         for nodes in product(*self.names.values()):
             held = {name: node for name, node in zip(self.names, nodes, strict=True) if node}
             choices = {
@@ -91,7 +91,7 @@ class Recorder:
 
 
 class Written:
-    """A file open for writing; what is flushed may be on disk from then on."""
+    """A file open for writing; flushed data may be on disk from then on."""
 
     def __init__(self, file, path, recorder):
         self.file, self.path, self.recorder = file, path, recorder
@@ -117,13 +117,13 @@ class Written:
 
 
 def go_on(folder):
-    """What study does with a folder: begin in it, or resume."""
+    """Start or resume a run, as a study does."""
     runs.train(CONFIG, folder, resume=(folder / "config.json").exists(), quiet=True)
 
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """A picture of three bytes, and a checkpoint after every other episode."""
+    """A plot of three bytes, and a checkpoint after every other episode."""
     monkeypatch.setattr(Figure, "savefig", lambda self, file, **_: file.write(b"PNG"))
     checkpoints_every(2, monkeypatch)
 
@@ -134,45 +134,36 @@ def undisturbed(tmp_path):
     return contents(tmp_path / "undisturbed")
 
 
-def every_state_goes_on(recorder, folder, undisturbed, monkeypatch):
+def assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least):
+    """Record the run in tmp_path / "run", and resume it from every state a crash may leave."""
+    with monkeypatch.context() as patch:
+        recorder = Recorder(tmp_path / "run", patch)
+        go_on(tmp_path / "run")
+    assert contents(tmp_path / "run") == undisturbed
+    assert len(recorder.states) > at_least, "too few to be meaningful"
     monkeypatch.setattr(os, "fsync", lambda _: None)
     for k, state in enumerate(recorder.states):
-        (folder / str(k)).mkdir(parents=True)
+        folder = tmp_path / str(k)
+        folder.mkdir()
         for name, content in state:
-            (folder / str(k) / name).write_bytes(content)
-        go_on(folder / str(k))
-        left = contents(folder / str(k))
+            (folder / name).write_bytes(content)
+        go_on(folder)
+        left = contents(folder)
         assert {name: left[name] for name in undisturbed} == undisturbed, dict(state).keys()
         assert all(name.endswith(".part") for name in left.keys() - undisturbed.keys())
 
 
 def test_every_crash_of_a_run_is_made_good(tmp_path, undisturbed, monkeypatch):
     (tmp_path / "run").mkdir()
-    with monkeypatch.context() as patch:
-        recorder = Recorder(tmp_path / "run", patch)
-        go_on(tmp_path / "run")
-    assert contents(tmp_path / "run") == undisturbed
-    assert len(recorder.states) > 30, "too few to say anything"
-    every_state_goes_on(recorder, tmp_path / "states", undisturbed, monkeypatch)
+    assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least=30)
 
 
 def test_every_crash_of_a_run_that_goes_on_after_a_crash_is_made_good(
     tmp_path, undisturbed, monkeypatch
 ):
-    def crashing(*arguments):
-        for record in train.run(*arguments):
-            yield record
-            if record["episode"] == 3:
-                raise Crash
-
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "run", crashing)
+        patch.setattr(runs, "run", crashing_after(3))
         with pytest.raises(Crash):
             go_on(tmp_path / "run")
     assert (tmp_path / "run" / "episodes.csv").read_bytes().count(b"\n") == 5
-    with monkeypatch.context() as patch:
-        recorder = Recorder(tmp_path / "run", patch)
-        go_on(tmp_path / "run")
-    assert contents(tmp_path / "run") == undisturbed
-    assert len(recorder.states) > 15, "too few to say anything"
-    every_state_goes_on(recorder, tmp_path / "states", undisturbed, monkeypatch)
+    assert_every_crash_is_made_good(tmp_path, undisturbed, monkeypatch, at_least=15)

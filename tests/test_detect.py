@@ -1,4 +1,4 @@
-"""The chart that looks for drifts: its sum against the definition, its run lengths and delays."""
+"""The chart that detects drifts: its sum, run lengths and delays."""
 
 from math import exp, inf, log, nan
 
@@ -15,21 +15,19 @@ from gbdqn_ref.train import announced, make_agent, run
 
 
 def definition(z, slack):
-    """S_t = max_k Σ_{i > k} (z_i − κ) for every t, the empty sum included, written naively."""
-    return [
-        max(sum(z[i] - slack for i in range(k, t)) for k in range(t + 1))
-        for t in range(1, len(z) + 1)
-    ]
+    """S_t = max_k Σ_{i > k} (z_i − κ) for every t, including the empty sum."""
+    S = [[sum(z[i] - slack for i in range(k, t)) for k in range(t + 1)] for t in range(len(z) + 1)]
+    return [max(sums) for sums in S[1:]]
 
 
 def alarms_of(chart, values):
-    """(step, the change it names) of every alarm."""
+    """(step, estimated step of the change) of every alarm."""
     named = [(k, chart.update(x, k)) for k, x in enumerate(values)]
     return [(k, since) for k, since in named if since is not None]
 
 
 def run_length(level, shift, rng):
-    """How long cusum takes to pass the level on normal numbers of this mean."""
+    """Steps until cusum exceeds the level, on normal numbers with mean `shift`."""
     S, n = 0.0, 0
     while level >= S:
         S, n = cusum(S, rng.normal(shift)), n + 1
@@ -37,7 +35,7 @@ def run_length(level, shift, rng):
 
 
 @given(st.lists(reals(), min_size=1, max_size=12), st.sampled_from([0.0, 0.5, 2.0]))
-def test_the_sum_is_the_largest_over_all_beginnings(z, slack):
+def test_the_sum_is_the_largest_over_all_starts(z, slack):
     S, sums = 0.0, []
     for each in z:
         S = cusum(S, each, slack)
@@ -46,7 +44,7 @@ def test_the_sum_is_the_largest_over_all_beginnings(z, slack):
 
 
 @pytest.mark.parametrize("level", [2.0, 3.0, 4.0])
-def test_without_a_shift_alarms_are_as_rare_as_theory_has_it(level):
+def test_without_a_shift_alarms_are_as_rare_as_theory_predicts(level):
     """Siegmund (1985): E N = (e^{2Δb} − 2Δb − 1) / (2Δ²), Δ = k and b = h + 1.166."""
     rng, b = np.random.default_rng(0), level + 1.166
     expected = (exp(2 * SLACK * b) - 2 * SLACK * b - 1) / (2 * SLACK**2)
@@ -55,7 +53,7 @@ def test_without_a_shift_alarms_are_as_rare_as_theory_has_it(level):
 
 
 @pytest.mark.parametrize(("shift", "episodes"), [(1.0, 10.4), (2.0, 4.01), (3.0, 2.57)])
-def test_a_shift_is_found_as_soon_as_published_tables_say(shift, episodes):
+def test_a_shift_is_found_as_fast_as_published_tables_say(shift, episodes):
     """Average run lengths at k = 0.5, h = 5 (Montgomery, Statistical Quality Control)."""
     rng = np.random.default_rng(1)
     lengths = [run_length(5.0, shift, rng) for _ in range(2000)]
@@ -70,42 +68,42 @@ def test_the_alarm_names_the_step_of_the_change(shift, delay):
         x[100:] += shift
         first += [alarm for alarm in alarms_of(Chart(5.0), x) if alarm[0] >= 100][:1]
     found, named = np.array(first).T
-    assert len(found) >= 55, "a false alarm just before costs a chart its reference"
+    assert len(found) >= 55, "a false alarm just before clears the reference of a few charts"
     assert abs(np.median(named) - 100) <= 1 and np.median(found) - 100 + 1 <= delay
 
 
-def test_an_alarm_forgets_the_reference():
+def test_an_alarm_clears_the_reference():
     chart = Chart(5.0)
     alarms_of(chart, [k % 2 for k in range(41)])
     assert alarms_of(chart, [9.0] * 3) == [(2, 0)]
     assert (chart.n, chart.S) == (0, 0.0)
-    assert alarms_of(chart, [50.0] * 20) == [], "a reference must be made first"
+    assert alarms_of(chart, [50.0] * 20) == [], "a new reference comes first"
 
 
-def test_one_value_is_no_alarm_however_large():
+def test_a_single_value_never_raises_an_alarm():
     chart = Chart(LARGEST)
     alarms_of(chart, [k % 2 for k in range(61)])
     assert chart.update(1e9, 61) is None and chart.S == LARGEST - SLACK
-    assert abs(chart.mean) < 1, "nor does it carry the reference away"
+    assert abs(chart.mean) < 1, "nor does it shift the reference"
 
 
 def test_the_reference_follows_an_agent_that_learns():
-    """x falls as the returns rise: no alarm, and what was normal at the start is one now."""
+    """x falls as the returns rise without an alarm; then the values from the start raise one."""
     chart = Chart(5.0)
     noise = np.random.default_rng(0).normal(size=200)
     assert alarms_of(chart, np.linspace(500, 0, 200) + noise) == []
     assert alarms_of(chart, [500.0] * 5)
 
 
-def test_a_chart_that_began_on_a_floor_still_sees_a_fall():
-    """MountainCar's first returns are all −200: the spread is 0, and must not stay 0."""
+def test_a_chart_that_started_with_constant_returns_still_sees_a_fall():
+    """MountainCar's first returns are all −200, so the spread starts at 0."""
     chart = Chart(5.0)
     learning = [200.0] * 35 + [*np.linspace(200, 120, 80)] + [120.0 + k % 2 for k in range(60)]
     assert alarms_of(chart, learning) == []
     assert alarms_of(chart, [200.0] * 6)
 
 
-def test_before_the_reference_is_known_nothing_is_an_alarm():
+def test_there_is_no_alarm_before_the_reference_is_known():
     assert alarms_of(Chart(0.1), [0.0] * (REFERENCE - 5) + [100.0] * 5) == []
 
 
@@ -116,8 +114,8 @@ def test_a_symptom_rises_when_things_get_worse():
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn", "gbdqn-reuse", "dqn-reuse", "reset"])
-def test_an_agent_that_detects_hears_nothing_of_the_schedule(monkeypatch, agent):
-    """Its run is the same where the schedule's events are taken away from what it hears."""
+def test_an_agent_that_detects_does_not_see_the_schedule(monkeypatch, agent):
+    """Its run is the same without the announced events."""
     schedule = [{"episode": 4, "length": 2}, {"episode": 7, "reset": True}]
     config = Config(agent=agent, drift_signal="return", **SMALL | dict(schedule=schedule))
     told = [repr(record) for record in run(config)]
@@ -125,14 +123,14 @@ def test_an_agent_that_detects_hears_nothing_of_the_schedule(monkeypatch, agent)
     assert [repr(record) for record in run(config)] == told
 
 
-def test_who_is_told_of_a_drift():
+def test_the_drift_signal_decides_which_events_are_announced():
     assert announced("schedule", 4, "reset") == "reset" and announced("schedule", 4, None) is None
     assert announced("return", 4, "drift") is None and announced("td_error", 4, "drift") is None
     assert announced([3, 4], 4, None) == "drift" and announced([3], 4, "drift") is None
     assert announced([], 4, "drift") is None
 
 
-def test_alarms_of_a_list_come_in_its_episodes():
+def test_a_list_of_episodes_announces_a_drift_in_each():
     heard = []
     config = Config(agent="dqn", drift_signal=[2, 5], **SMALL | dict(schedule=[], episodes=7))
     agent = make_agent(config)
@@ -142,7 +140,7 @@ def test_alarms_of_a_list_come_in_its_episodes():
 
 
 def fall(agent, before, after):
-    """Episodes with these returns, ten steps each; the steps at which the agent raised alarms."""
+    """Play ten-step episodes with these returns; the steps at which the agent raised alarms."""
     s = np.zeros(4, np.float32)
     for total in [*before, *after]:
         for _ in range(10):
@@ -151,7 +149,7 @@ def fall(agent, before, after):
     return agent.alarms.tolist()
 
 
-def test_an_alarm_is_a_drift_whose_data_are_those_since_the_change(monkeypatch):
+def test_an_alarm_is_a_drift_and_counts_the_data_since_the_change(monkeypatch):
     agent, told = agent_of("dqn", drift_signal="return", capacity=1000), []
     monkeypatch.setattr(agent, "on_drift", lambda event, fresh: told.append((event, fresh)))
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 3)
@@ -160,7 +158,7 @@ def test_an_alarm_is_a_drift_whose_data_are_those_since_the_change(monkeypatch):
 
 
 @pytest.mark.parametrize("level", [2.0, inf])
-def test_the_level_of_the_chart_is_the_configs(level):
+def test_the_chart_uses_the_alarm_level_of_the_config(level):
     agent = agent_of("dqn", drift_signal="return", alarm_level=min(level, 1e9), capacity=1000)
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 30)
     assert alarms == ([410] if level == 2.0 else [])

@@ -1,6 +1,4 @@
-"""The schedule of regimes, and the wrapper that applies it: as a Gymnasium environment and as a
-clock.
-"""
+"""The wrapper that applies a schedule to a Gymnasium environment."""
 
 import json
 import warnings
@@ -22,12 +20,9 @@ TWO = [
     {"episode": 5, "gravity": 1.5, "force": 0.5},
     {"episode": 6, "reset": True},
 ]
-KNOWN_WARNINGS = (
-    "is different from the unwrapped version|space (minimum|maximum) value is -?infinity"
-)
-both = pytest.mark.parametrize(
-    "schedule", [[], [{"episode": 1, "gravity": 1.5}, {"episode": 3, "reset": True}]]
-)
+KNOWN_WARNINGS = "different from the unwrapped version|space (minimum|maximum) value is -?infinity"
+SHORT = [{"episode": 1, "gravity": 1.5}, {"episode": 3, "reset": True}]
+both = pytest.mark.parametrize("schedule", [[], SHORT], ids=["stock", "drifting"])
 named = pytest.mark.parametrize("name", drift.ENVIRONMENTS)
 
 
@@ -39,19 +34,17 @@ def schedules(draw, name):
 
 
 def factors(entry, name="cartpole"):
-    return stock(name) | {
-        key: value for key, value in entry.items() if key not in ("episode", "reset")
-    }
+    """Every factor of an entry's regime."""
+    return stock(name) | {key: entry[key] for key in entry.keys() - {"episode", "reset"}}
 
 
 @named
 @both
-def test_gymnasium_finds_nothing_wrong(name, schedule):
+def test_gymnasiums_checker_finds_no_fault(name, schedule):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", f"(?s).*({KNOWN_WARNINGS})", UserWarning)
-        check_env(
-            make(name, schedule), skip_render_check=name == "hopper"
-        )  # MuJoCo draws on a display only
+        # MuJoCo can draw only on a display
+        check_env(make(name, schedule), skip_render_check=name == "hopper")
 
 
 @named
@@ -72,13 +65,13 @@ def test_episodes_count_from_0():
     assert [env.reset()[1]["regime"] for _ in range(8)] == [0, 0, 1, 1, 1, 2, 3, 3]
 
 
-def test_the_event_is_in_the_first_episode_of_a_regime_only():
+def test_only_the_first_episode_of_a_regime_has_the_event():
     env = make("cartpole", TWO)
     events = [env.reset()[1]["event"] for _ in range(8)]
     assert events == [None, None, "drift", None, None, "drift", "reset", None]
 
 
-def test_every_reset_and_step_says_regime_factors_and_event():
+def test_every_reset_and_step_reports_regime_factors_and_event():
     env = make("cartpole", TWO)
     for episode in range(7):
         _, info = env.reset(seed=0)
@@ -111,16 +104,15 @@ def test_a_reset_entry_restores_the_stock_physics():
     assert env.unwrapped.force_mag == 10.0
 
 
-def test_what_an_entry_does_not_name_is_1_again():
+def test_a_factor_that_an_entry_does_not_name_is_1_again():
+    """Catches regimes that build on the one before."""
     env = make("cartpole", [{"episode": 1, "gravity": 2.0}, {"episode": 2, "length": 3.0}])
-    seen = [
-        env.reset()[1]["factors"] for _ in range(3)
-    ]  # catches regimes that build on the one before
+    seen = [env.reset()[1]["factors"] for _ in range(3)]
     assert seen == [factors(entry) for entry in ({}, {"gravity": 2.0}, {"length": 3.0})]
     assert (env.unwrapped.gravity, env.unwrapped.length) == (9.8, 1.5)
 
 
-def test_the_physics_stay_as_they_are_within_an_episode():
+def test_the_physics_do_not_change_within_an_episode():
     env = make("cartpole", [{"episode": 1, "gravity": 2.0}])
     env.reset()
     for _ in range(3):
@@ -128,17 +120,16 @@ def test_the_physics_stay_as_they_are_within_an_episode():
         assert env.unwrapped.gravity == 9.8
 
 
-def test_options_jump_to_an_episode_and_counting_goes_on_from_there():
+def test_options_jump_to_an_episode_and_counting_continues_there():
     env = make("cartpole", TWO)
     jumps = [{"episode": 5}, None, {"episode": 2}, {"episode": 0}, {}]
     infos = [env.reset(options=options)[1] for options in jumps]
-    assert [(info["regime"], info["event"]) for info in infos] == [
-        (2, "drift"), (3, "reset"), (1, "drift"), (0, None), (0, None)
-    ]  # fmt: skip
+    assert [info["regime"] for info in infos] == [2, 3, 1, 0, 0]
+    assert [info["event"] for info in infos] == ["drift", "reset", "drift", None, None]
     assert env.unwrapped.gravity == 9.8
 
 
-def test_other_options_reach_the_environment_and_the_callers_dict_is_left_alone():
+def test_other_options_reach_the_environment_and_the_callers_dict_is_unchanged():
     options = {"episode": 2, "low": 0.04, "high": 0.05}
     s, info = make("cartpole", TWO).reset(seed=0, options=options)
     assert (s >= 0.04).all() and info["regime"] == 1
@@ -146,7 +137,7 @@ def test_other_options_reach_the_environment_and_the_callers_dict_is_left_alone(
 
 
 @pytest.mark.parametrize("episode", [-1, "2", None, 1.5])
-def test_an_episode_that_is_none_is_refused(episode):
+def test_an_invalid_episode_is_refused(episode):
     with pytest.raises(UsageError, match=f"episode must be .*, not {episode!r}$"):
         make("cartpole", TWO).reset(options={"episode": episode})
 
@@ -154,15 +145,12 @@ def test_an_episode_that_is_none_is_refused(episode):
 def test_an_entry_at_episode_0_is_regime_0_without_an_event():
     env = make("cartpole", [{"episode": 0, "gravity": 2.0}, {"episode": 1, "gravity": 1.5}])
     infos = [env.reset()[1] for _ in range(3)]
-    assert [(info["regime"], info["event"]) for info in infos] == [
-        (0, None),
-        (1, "drift"),
-        (1, None),
-    ]
+    found = [(info["regime"], info["event"]) for info in infos]
+    assert found == [(0, None), (1, "drift"), (1, None)]
     assert infos[0]["factors"]["gravity"] == 2.0
 
 
-def test_info_is_nobodys_to_share():
+def test_info_is_a_fresh_dict_each_time():
     env = make("cartpole", TWO)
     for _ in range(3):
         _, info = env.reset()
@@ -173,7 +161,7 @@ def test_info_is_nobodys_to_share():
     assert info["factors"]["gravity"] == 1.5 == env.unwrapped.gravity / 9.8 and info["regime"] == 1
 
 
-def test_a_schedule_is_neither_changed_nor_followed_when_its_owner_changes_it():
+def test_the_wrapper_copies_its_schedule():
     schedule = [{"episode": 1, "gravity": 2.0}]
     env = make("cartpole", schedule)
     for _ in range(3):
@@ -214,14 +202,12 @@ def test_counting_and_jumping_agree(name, data):
     schedule = data.draw(schedules(name))
     counting, jumping = make(name, schedule), make(name, json.loads(json.dumps(schedule)))
     for episode in range(12):
-        assert (
-            counting.reset(seed=episode)[1]
-            == jumping.reset(seed=episode, options={"episode": episode})[1]
-        )
+        _, info = jumping.reset(seed=episode, options={"episode": episode})
+        assert counting.reset(seed=episode)[1] == info
 
 
 @pytest.mark.parametrize("id", ["Pendulum-v1", "Acrobot-v1"])
-def test_a_foreign_environment_is_refused(id):
+def test_an_unsupported_environment_is_refused(id):
     with pytest.raises(
         UsageError, match=r"unknown environment .*cartpole, mountaincar, acrobot, hopper"
     ):

@@ -1,8 +1,8 @@
-"""What a drift costs, on policies whose returns are known."""
+"""What a drift costs, computed from policies with known returns."""
 
 import numpy as np
 import pytest
-from helpers import SMALL, drifts_at, flags, refused
+from helpers import SMALL, Here, drifts_at, flags, refused
 
 from gbdqn_ref import StudyError, UsageError, drift, effect, runs
 from gbdqn_ref.__main__ import main
@@ -24,7 +24,7 @@ DRIFTING = SMALL | dict(episodes=3, learning_starts=10, schedule=drifts_at(1, 2,
         (100, 50, 60, None),
     ],
 )
-def test_what_is_lost_is_a_part_of_the_gain(random, frozen, trained, lost):
+def test_lost_is_the_share_of_the_gain_that_frozen_misses(random, frozen, trained, lost):
     returns = [np.array([level - 0.01, level + 0.01]) for level in (random, frozen, trained)]
     row = effect.cost(*returns)
     assert row == {"random": random, "frozen": frozen, "trained": trained, "lost": lost}
@@ -32,18 +32,19 @@ def test_what_is_lost_is_a_part_of_the_gain(random, frozen, trained, lost):
 
 
 def test_two_standard_errors_of_the_trained_policy_decide_whether_a_regime_was_learnt():
-    """(90, 110) has a standard error of 10, so 100 is learnt where random is below 80."""
+    """(90, 110) has a standard error of 10, so 100 shows learning if random is below 80."""
     frozen, trained = np.zeros(2), np.array([90.0, 110.0])
     for random, learnt in ((79, True), (81, False)):
         row = effect.cost(np.array([random - 50.0, random + 50.0]), frozen, trained)
         assert (row["lost"] is not None) == learnt
 
 
-def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path):
-    """Frozen is the agent of the stock physics, everywhere; all are evaluated with the seed 0."""
+def test_every_regime_is_trained_once_and_evaluated_in_its_physics(tmp_path):
+    """Frozen is always the agent trained in the stock physics; all evaluations use seed 0."""
     learning = dict(episodes=8, update_every=1, gradient_steps=4, lr=0.03)
     config = Config.preset("cartpole", agent="dqn", seed=3, **DRIFTING | learning)
-    first = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
+    options = dict(episodes=2, executor=Here(), quiet=True)
+    first = effect.drift_effect(config, tmp_path, **options)
     regimes = {
         "stock physics": {},
         "length × 2": {"length": 2},
@@ -59,19 +60,18 @@ def test_every_regime_is_trained_once_and_evaluated_in_its_own_physics(tmp_path)
     random = make_agent(Config(agent="random"))
     for row, (name, factors) in zip(first, regimes.items(), strict=True):
         env = drift.make("cartpole", [{"episode": 0, **factors}] if factors else [])
-        for key, agent in (
-            ("random", random), ("frozen", agents["stock physics"]), ("trained", agents[name])
-        ):  # fmt: skip
+        policies = {"random": random, "frozen": agents["stock physics"], "trained": agents[name]}
+        for key, agent in policies.items():
             assert row[key] == evaluate(agent, env, 2, seed=0).mean(), (name, key)
     assert any(row["frozen"] != row["trained"] for row in first)
     ages = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
-    assert effect.drift_effect(config, tmp_path, episodes=2, quiet=True) == first
+    assert effect.drift_effect(config, tmp_path, **options) == first
     assert ages == {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*")}
     assert len(list(tmp_path.glob("*/summary.json"))) == 3
 
 
-def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
-    """A regime is known by its factors. One that returns is not trained again."""
+def test_regimes_equal_to_six_digits_are_still_distinct(tmp_path):
+    """Regimes are told apart by their factors. One that returns is not trained again."""
     schedule = [
         {"episode": 1, "length": 1.0000001},
         {"episode": 2, "length": 1.0000002},
@@ -79,7 +79,7 @@ def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
         {"episode": 4, "length": 1.0000001},
     ]
     config = Config(agent="random", **SMALL | dict(episodes=5, schedule=schedule))
-    rows = effect.drift_effect(config, tmp_path, episodes=2, quiet=True)
+    rows = effect.drift_effect(config, tmp_path, episodes=2, executor=Here(), quiet=True)
     names = ["stock physics", "length × 1.0000001", "length × 1.0000002"]
     assert [row["regime"] for row in rows] == names
     trained = effect.regimes(config)
@@ -88,19 +88,19 @@ def test_regimes_that_look_alike_in_six_digits_are_two(tmp_path):
     assert {path.parent.name for path in tmp_path.glob("*/summary.json")} == set(trained)
 
 
-def test_a_single_episode_has_no_standard_error(tmp_path):
-    with pytest.raises(UsageError, match="2 episodes or more, not 1"):
+def test_drift_effect_needs_at_least_two_episodes(tmp_path):
+    with pytest.raises(UsageError, match="at least 2 episodes, not 1"):
         effect.drift_effect(Config(agent="random"), tmp_path / "out", episodes=1)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_run_that_fails_leaves_no_table(tmp_path):
+def test_a_failed_run_leaves_no_table(tmp_path):
     config = Config(agent="random", **DRIFTING)
     first, *others = effect.regimes(config)
     (tmp_path / "study.json").write_text('{"settings": {}}')
     (tmp_path / first).touch()
     with pytest.raises(StudyError, match=f"{first}: UsageError: .* is not a folder"):
-        effect.drift_effect(config, tmp_path, quiet=True)
+        effect.drift_effect(config, tmp_path, executor=Here(), quiet=True)
     assert all((tmp_path / name / "summary.json").exists() for name in others)
 
 
@@ -124,7 +124,7 @@ def test_the_command_prints_a_row_per_regime(tmp_path, capsys, monkeypatch):
     assert "\n1 of 2 drifts cost at least 20% of the gain\n" in printed
 
 
-def test_a_run_of_other_settings_in_the_folder_is_refused(tmp_path, capsys):
+def test_a_folder_with_other_settings_is_refused(tmp_path, capsys):
     arguments = ["drift-effect", "--env", "cartpole", "--out", str(tmp_path), "--quiet"]
     arguments += flags(**DRIFTING | dict(schedule=[]))
     assert main(arguments) == 0

@@ -1,6 +1,4 @@
-"""Whole files: all or nothing, on disk before they count, named when they fail; folders that are
-one process's own.
-"""
+"""Files are written whole, synced, and named in errors; a folder is locked by one process."""
 
 import errno
 import fcntl
@@ -10,13 +8,13 @@ import subprocess
 import sys
 
 import pytest
-from helpers import Crash, contents, environ
+from helpers import PATIENCE, Crash, contents, environ
 
 from gbdqn_ref import UsageError, files
 
 
 def steps(monkeypatch):
-    """The system calls that order what reaches the disk, as they are made from now on."""
+    """The calls of fsync, replace and mkdir from now on, which decide what reaches the disk."""
     order = []
 
     def spy(name, original):
@@ -35,7 +33,7 @@ def steps(monkeypatch):
 # --- writing --------------------------------------------------------------------------------------
 
 
-def test_a_file_is_on_disk_before_it_takes_its_place_and_so_is_its_place(tmp_path, monkeypatch):
+def test_a_file_is_synced_then_renamed_then_its_folder_is_synced(tmp_path, monkeypatch):
     order = steps(monkeypatch)
     files.write_atomically(tmp_path / "file", lambda file: file.write(b"new"))
     assert order == ["fsync", "replace", "fsync folder"]
@@ -58,7 +56,7 @@ def test_a_failure_while_writing_leaves_the_file_that_was_there(tmp_path, error)
 
 
 @pytest.mark.parametrize("call", ["fsync", "replace"])
-def test_a_system_call_that_fails_leaves_the_file_that_was_there(tmp_path, monkeypatch, call):
+def test_a_failing_system_call_leaves_the_old_file(tmp_path, monkeypatch, call):
     files.write_atomically(tmp_path / "file", lambda file: file.write(b"old"))
 
     def stop(*_):
@@ -70,7 +68,7 @@ def test_a_system_call_that_fails_leaves_the_file_that_was_there(tmp_path, monke
     assert contents(tmp_path) == {"file": b"old"}
 
 
-def test_what_is_appended_is_added_at_the_end(tmp_path, monkeypatch):
+def test_append_adds_at_the_end(tmp_path, monkeypatch):
     path = tmp_path / "file"
     order = steps(monkeypatch)
     files.append(path, b"one\n")
@@ -90,7 +88,7 @@ def test_a_full_disk_names_the_file_that_does_not_fit(tmp_path, write):
     assert str(caught.value).endswith(f"{str(tmp_path / 'full')!r}")
 
 
-def test_a_file_beyond_the_limit_of_its_size_is_named_and_leaves_nothing(tmp_path):
+def test_a_file_over_the_size_limit_is_named_and_leaves_nothing(tmp_path):
     code = """if 1:
         import resource, sys
         from gbdqn_ref import files
@@ -101,12 +99,13 @@ def test_a_file_beyond_the_limit_of_its_size_is_named_and_leaves_nothing(tmp_pat
             print(e)
     """
     command = [sys.executable, "-c", code, str(tmp_path / "file")]
-    result = subprocess.run(command, env=environ(), capture_output=True, text=True, timeout=60)
+    options = dict(env=environ(), capture_output=True, text=True, timeout=PATIENCE)
+    result = subprocess.run(command, **options)
     assert result.stdout == f"[Errno 27] File too large: {str(tmp_path / 'file')!r}\n"
     assert contents(tmp_path) == {}
 
 
-def test_an_error_without_a_number_keeps_its_words(tmp_path):
+def test_an_oserror_without_errno_keeps_its_message(tmp_path):
     def picture(_):
         raise OSError("cannot write mode RGBA as JPEG")
 
@@ -120,7 +119,7 @@ SHAPE = {"seeds": [files.NUMBER], "runs": [{"agent": (str,)}]}
 FITTING = {"seeds": [1, 2.5], "runs": [{"agent": "dqn", "more": None}], "more": 1}
 
 
-def test_json_is_read_as_it_was_written(tmp_path):
+def test_json_is_read_back_as_written(tmp_path):
     files.write_json(tmp_path / "file", FITTING)
     assert files.read_json(tmp_path / "file", "more", **SHAPE) == FITTING
     assert (tmp_path / "file").read_bytes().endswith(b"}\n")
@@ -140,14 +139,14 @@ def test_json_is_read_as_it_was_written(tmp_path):
         (FITTING | {"runs": [{"agent": None}]}, r"\['agent'\] is None, not str"),
     ],
 )
-def test_json_of_another_shape_is_refused_in_words_that_name_the_place(tmp_path, content, said):
+def test_json_of_the_wrong_shape_is_refused_with_the_place_named(tmp_path, content, said):
     (tmp_path / "file").write_text(json.dumps(content))
     with pytest.raises(UsageError, match=f"file is damaged .*{said}"):
         files.read_json(tmp_path / "file", **SHAPE)
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000])
-def test_what_is_no_json_is_refused(tmp_path, content):
+def test_invalid_json_is_refused(tmp_path, content):
     (tmp_path / "file").write_bytes(content)
     with pytest.raises(UsageError, match="file is damaged"):
         files.read_json(tmp_path / "file")
@@ -156,7 +155,7 @@ def test_what_is_no_json_is_refused(tmp_path, content):
 # --- folders --------------------------------------------------------------------------------------
 
 
-def test_a_new_folder_is_on_disk_before_anything_is_put_into_it(tmp_path, monkeypatch):
+def test_a_new_folder_is_synced_before_anything_is_put_into_it(tmp_path, monkeypatch):
     order = steps(monkeypatch)
     with files.locked(tmp_path / "a" / "b"):
         made = order.copy()
@@ -173,7 +172,7 @@ def test_a_new_folder_that_stays_empty_is_removed_and_an_old_one_is_not(tmp_path
     assert contents(tmp_path) == {"old": None}
 
 
-def test_a_folder_is_locked_until_it_is_left(tmp_path):
+def test_a_folder_stays_locked_until_the_block_ends(tmp_path):
     with (
         files.locked(tmp_path),
         pytest.raises(UsageError, match="in use by another process"),
@@ -184,7 +183,7 @@ def test_a_folder_is_locked_until_it_is_left(tmp_path):
         pass
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="is not a folder"), files.locked(tmp_path / "file"):
         pass
@@ -192,7 +191,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path):
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.EBADF, errno.EOPNOTSUPP])
 def test_a_file_system_without_locks_is_told_and_used(tmp_path, monkeypatch, capsys, number):
-    """EBADF is what NFS answers for a folder."""
+    """NFS answers EBADF for a folder."""
 
     def flock(*_):
         raise OSError(number, os.strerror(number))

@@ -1,4 +1,4 @@
-"""A drifted Hopper is one compiled with other constants; a reset restores everything."""
+"""A drifted Hopper equals one compiled with other constants; a reset restores everything."""
 
 import copy
 import pickle
@@ -28,34 +28,32 @@ factors = st.dictionaries(st.sampled_from(FACTORS), st.floats(0.1, 10))
 def numbers(env):
     """Every number of the compiled model, options included, as {name: array}."""
     model = env.unwrapped.model
-    parts = {"": model, "opt.": model.opt, "stat.": model.stat}
-    values = {
-        f"{at}{key}": getattr(part, key)
-        for at, part in parts.items()
-        for key in dir(part)
-        if key[0] != "_"
-    }
-    return {
-        key: np.array(x) for key, x in values.items() if isinstance(x, (int, float, np.ndarray))
-    }
+    found = {}
+    for at, part in {"": model, "opt.": model.opt, "stat.": model.stat}.items():
+        values = {key: getattr(part, key) for key in dir(part) if key[0] != "_"}
+        for key, value in values.items():
+            if isinstance(value, (int, float, np.ndarray)):
+                found[at + key] = np.array(value)
+    return found
 
 
 def differing(env, other):
-    """The names of the numbers that are not the same to the bit."""
+    """The names of the numbers that differ by a bit or more."""
     mine, others = numbers(env), numbers(other)
     return {key for key in mine if not np.array_equal(mine[key], others[key])}
 
 
 def recompiled(folder, gravity=1.0, mass=1.0, friction=1.0):
-    """Gymnasium's Hopper-v5 from an XML with changed constants: density stands for mass."""
+    """Gymnasium's Hopper-v5 from an XML with other constants; density scales the mass.
+
+    The XML leaves MuJoCo's defaults out: density 1000 and friction 1.
+    """
     tree = ElementTree.parse(HopperEnv().fullpath)
     tree.find("option").set("gravity", f"0 0 {-9.81 * gravity!r}")
-    tree.find("default/geom").set(
-        "density", repr(1000 * mass)
-    )  # what the XML leaves out is MuJoCo's default, 1000 …
+    tree.find("default/geom").set("density", repr(1000 * mass))
     for geom in tree.iter("geom"):
         if geom.get("name"):
-            geom.set("friction", repr(float(geom.get("friction", "1")) * friction))  # … and 1
+            geom.set("friction", repr(float(geom.get("friction", "1")) * friction))
     tree.write(folder / "hopper.xml")
     return HopperEnv(xml_file=str(folder / "hopper.xml"))
 
@@ -68,7 +66,7 @@ def drifted(**by):
 
 
 def trajectory(env, n=1000, seed=0):
-    """Positions and velocities (n, 12) under random actions; a fallen hopper goes on."""
+    """Positions and velocities (n, 12) under random actions, even after a fall."""
     env.reset(seed=seed)
     states = np.empty((n, 12))
     for state, action in zip(states, np.random.default_rng(seed).integers(7, size=n), strict=True):
@@ -85,17 +83,17 @@ def stock_trajectory():
 @pytest.mark.parametrize(
     "by", [{"gravity": 1.3}, {"mass": 2.0}, {"friction": 0.7}, ALL | {"mass": 0.5}], ids=str
 )
-def test_a_drifted_hopper_moves_like_one_compiled_with_these_constants(
+def test_a_drifted_hopper_moves_like_one_compiled_with_its_constants(
     tmp_path, by, stock_trajectory
 ):
-    # 1,000 steps to the bit. Masses by powers of 2: 1.7 · (1000 V) and 1700 V differ in a last bit
+    """For 1,000 steps to the bit; masses scale by powers of two, which do not round."""
     states = trajectory(drifted(**by))
     assert np.array_equal(states, trajectory(recompiled(tmp_path, **by)))
     assert not np.array_equal(states, stock_trajectory)
 
 
-def test_every_number_of_a_drifted_model_is_that_of_a_compiled_one(tmp_path):
-    # catches masses without inertias or what follows from them: subtree masses, inverse weights, M0
+def test_every_number_of_a_drifted_model_equals_a_compiled_ones(tmp_path):
+    """Catches masses without their inertias, subtree masses, inverse weights or M0."""
     mine, others = numbers(drifted(**ALL)), numbers(recompiled(tmp_path, **ALL))
     assert mine.keys() == others.keys()
     for key in mine:
@@ -105,7 +103,7 @@ def test_every_number_of_a_drifted_model_is_that_of_a_compiled_one(tmp_path):
 @pytest.mark.parametrize("key", FACTORS)
 @pytest.mark.parametrize("by", [0.7, 1.3])
 def test_each_factor_has_an_effect(key, by, stock_trajectory):
-    # not so the friction of the floor alone, below that of the foot
+    """Floor friction alone would have none: it is below the foot's."""
     assert np.abs(trajectory(drifted(**{key: by}), 200) - stock_trajectory[:200]).max() > 1e-3
 
 
@@ -113,7 +111,7 @@ def test_gravity_stays_vertical():
     assert drifted(gravity=2.0).model.opt.gravity.tolist() == [0, 0, 2 * -9.81]
 
 
-def test_only_sliding_friction_drifts_on_every_surface():
+def test_sliding_friction_alone_drifts_on_every_surface():
     stock, model = HopperEnv().model, drifted(friction=0.5).model
     assert model.geom_friction[:, 0].tolist() == (0.5 * stock.geom_friction[:, 0]).tolist()
     assert model.geom_friction[:, 1:].tolist() == stock.geom_friction[:, 1:].tolist()
@@ -121,16 +119,16 @@ def test_only_sliding_friction_drifts_on_every_surface():
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(factors, max_size=3), factors)
-def test_no_call_of_the_setter_builds_on_an_earlier_one(earlier, last):
+def test_a_setter_call_ignores_earlier_ones(earlier, last):
     env = HopperEnv()
     for by in [*earlier, last]:
         set_hopper(env, **by)
     assert not differing(env, drifted(**last))
     set_hopper(env)
-    assert not differing(env, HopperEnv()), "no factors are the stock hopper, to the bit"
+    assert not differing(env, HopperEnv()), "without factors it is the stock hopper to the bit"
 
 
-def test_a_setting_in_the_middle_of_an_episode_does_not_move_the_hopper():
+def test_setting_factors_in_mid_episode_does_not_move_the_hopper():
     env = HopperEnv()
     env.reset(seed=0)
     state = [*env.data.qpos, *env.data.qvel]
@@ -143,8 +141,8 @@ def test_only_the_instance_drifts():
     assert not differing(HopperEnv(), gymnasium.make("Hopper-v5"))
 
 
-def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_environment():
-    # what an earlier episode leaves behind would make a resumed run another one
+def test_after_a_reset_of_the_physics_episodes_equal_a_new_environments():
+    """Anything left from an earlier episode would change a resumed run."""
     env = drift.make("hopper", [{"episode": 1, **ALL}, {"episode": 2, "reset": True}])
     for _ in range(2):
         env.reset(seed=5)
@@ -155,10 +153,10 @@ def test_episodes_with_resets_of_the_physics_between_them_are_those_of_a_new_env
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_of_a_drifted_hopper_is_drifted_alike(twin):
+def test_a_copy_of_a_drifted_hopper_has_the_same_drift(twin):
     env = drift.make("hopper", [{"episode": 0, **ALL}])
     env.reset(seed=0)
-    copied = twin(env)  # MuJoCo's environments are built anew from their arguments: the stock model
+    copied = twin(env)  # Gymnasium rebuilds it from its arguments, which give the stock model
     assert not differing(copied, drifted(**ALL))
     (s, info), (copied_s, copied_info) = env.reset(seed=1), copied.reset(seed=1)
     assert info == copied_info and s.tolist() == copied_s.tolist()
@@ -166,18 +164,17 @@ def test_a_copy_of_a_drifted_hopper_is_drifted_alike(twin):
 
 
 def test_every_corner_of_the_factors_can_be_stepped():
-    """A hundredth and a hundred times each constant: every state stays finite."""
+    """At 0.01 and 100 times each constant every state stays finite."""
     for corner in product((0.01, 100.0), repeat=len(FACTORS)):
         states = trajectory(drifted(**dict(zip(FACTORS, corner, strict=True))), 50)
         assert np.isfinite(states).all(), corner
 
 
-def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():
+def test_the_seven_actions_are_no_torque_or_full_torque_on_one_motor():
     env = drift.make("hopper")
     assert env.action_space == gymnasium.spaces.Discrete(7)
-    for action, torques in enumerate(
-        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]]
-    ):
+    one = np.eye(3).tolist()
+    for action, torques in enumerate([[0, 0, 0], *one, *(-np.eye(3)).tolist()]):
         env.reset(seed=0)
         env.step(action)
         assert env.unwrapped.data.ctrl.tolist() == torques
@@ -186,11 +183,8 @@ def test_there_are_seven_actions_none_or_one_motor_at_full_torque_either_way():
 
 def test_the_motors_are_thigh_leg_and_foot():
     model = HopperEnv().model
-    assert [model.joint(joint).name for joint, _ in model.actuator_trnid] == [
-        "thigh_joint",
-        "leg_joint",
-        "foot_joint",
-    ]
+    names = [model.joint(joint).name for joint, _ in model.actuator_trnid]
+    assert names == ["thigh_joint", "leg_joint", "foot_joint"]
 
 
 def test_the_hopper_is_registered_like_the_stock_one():
@@ -207,7 +201,7 @@ def test_mujoco_is_not_imported_before_it_is_needed():
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn"])
-def test_two_short_episodes_are_trained_across_a_drift(agent):
+def test_training_crosses_a_drift(agent):
     settings = dict(episodes=2, learning_starts=8, hidden=(8,), capacity=500, seed=1)
     config = Config.preset("hopper", agent=agent, schedule=[{"episode": 1, **ALL}], **settings)
     records = list(run(config))

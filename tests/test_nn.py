@@ -1,4 +1,4 @@
-"""The network, compared with loops, with its own members, and with finite differences."""
+"""The network, compared with loops, with single members and with finite differences."""
 
 import numpy as np
 import pytest
@@ -12,27 +12,21 @@ hidden_layers = pytest.mark.parametrize("hidden", [(), (4,), (4, 3)], ids=["line
 
 
 def loops(net, theta, x):
-    """q (A,) of one θ (P,) and one x (d,), one multiplication at a time; and the smallest |z|
-    before a ReLU.
-    """
-    *hidden, (W_last, b_last) = net.unpack(theta.astype(np.float64))
+    """q (A,) of one θ (P,) and one x (d,) by loops, and the smallest |z| before a ReLU."""
+    *hidden, last = net.unpack(theta.astype(np.float64))
     kink = np.inf
+
+    def affine(x, W, b):
+        return [b[j] + sum(x[i] * W[i, j] for i in range(len(x))) for j in range(len(b))]
+
     for W, b in hidden:
-        z = [b[j] + sum(x[i] * W[i, j] for i in range(len(x))) for j in range(len(b))]
+        z = affine(x, W, b)
         kink = min(kink, *np.abs(z))
         x = [max(z_j, 0.0) for z_j in z]
-    return (
-        np.array(
-            [
-                b_last[j] + sum(x[i] * W_last[i, j] for i in range(len(x)))
-                for j in range(len(b_last))
-            ]
-        ),
-        kink,
-    )
+    return np.array(affine(x, *last)), kink
 
 
-def test_a_block_is_the_weights_and_below_them_the_bias():
+def test_a_block_holds_the_weights_then_the_bias():
     net = MLP((2, 3, 1))
     (W1, b1), (W2, b2) = net.unpack(np.arange(13))
     assert W1.tolist() == [[0, 1, 2], [3, 4, 5]] and b1.tolist() == [6, 7, 8]
@@ -40,7 +34,7 @@ def test_a_block_is_the_weights_and_below_them_the_bias():
 
 
 @given(nets())
-def test_unpack_gives_views_and_together_they_are_all_of_theta(net):
+def test_unpack_gives_views_that_cover_all_of_theta(net):
     for theta in (np.zeros(net.size), np.zeros((2, net.size))):
         for W, b in net.unpack(theta):
             W += 1
@@ -49,16 +43,15 @@ def test_unpack_gives_views_and_together_they_are_all_of_theta(net):
 
 
 @given(nets(), rngs(), sizes())
-def test_forward_is_the_loops(net, rng, B):
+def test_forward_matches_the_loops(net, rng, B):
     theta, x = net.init(rng).astype(np.float64), rng.normal(size=(B, net.widths[0]))
-    np.testing.assert_allclose(
-        net.forward(theta, x)[0], [loops(net, theta, row)[0] for row in x], atol=1e-12
-    )
+    expected = [loops(net, theta, row)[0] for row in x]
+    np.testing.assert_allclose(net.forward(theta, x)[0], expected, atol=1e-12)
 
 
 @given(nets(), rngs(), sizes(3), sizes())
-def test_a_stack_answers_and_learns_like_each_member_alone(net, rng, k, B):
-    """Catches a reshape that mixes members: the shapes are right all the same."""
+def test_a_stack_computes_the_same_as_each_member_alone(net, rng, k, B):
+    """Catches a reshape that mixes members but keeps the shapes."""
     theta, dq = net.init(rng, k), rng.normal(size=(k, B, net.widths[-1])).astype(np.float32)
     for x in (rng.normal(size=(B, net.widths[0])), rng.normal(size=(k, B, net.widths[0]))):
         q, cache = net.forward(theta, x)
@@ -66,14 +59,13 @@ def test_a_stack_answers_and_learns_like_each_member_alone(net, rng, k, B):
         assert q.shape == dq.shape and grad.shape == theta.shape
         for j, x_j in enumerate(np.broadcast_to(x, (k, *x.shape[-2:]))):
             q_j, cache_j = net.forward(theta[j], x_j)
+            grad_j = net.backward(theta[j], cache_j, dq[j])
             np.testing.assert_allclose(q[j], q_j, rtol=1e-4, atol=1e-5)
-            np.testing.assert_allclose(
-                grad[j], net.backward(theta[j], cache_j, dq[j]), rtol=1e-4, atol=1e-5
-            )
+            np.testing.assert_allclose(grad[j], grad_j, rtol=1e-4, atol=1e-5)
 
 
 @given(nets(), rngs(), sizes(3), sizes())
-def test_one_network_answers_any_leading_axes(net, rng, T, B):
+def test_one_network_takes_any_leading_axes(net, rng, T, B):
     theta, x = net.init(rng), rng.normal(size=(T, B, net.widths[0]))
     q, _ = net.forward(theta, x)
     assert q.shape == (T, B, net.widths[-1])
@@ -83,7 +75,7 @@ def test_one_network_answers_any_leading_axes(net, rng, T, B):
 
 @hidden_layers
 @given(rng=rngs(), k=sizes(2), B=sizes(3))
-def test_backward_is_the_finite_differences(hidden, rng, k, B):
+def test_backward_matches_finite_differences(hidden, rng, k, B):
     net = MLP((3, *hidden, 2))
     theta, x = net.init(rng, k).astype(np.float64), rng.normal(size=(B, 3))
     dq = rng.normal(size=(k, B, 2))
@@ -93,7 +85,7 @@ def test_backward_is_the_finite_differences(hidden, rng, k, B):
     def f(theta):
         return (dq * net.forward(theta, x)[0]).sum()
 
-    # between two kinks f is linear in each single parameter, so only rounding is left
+    # between two kinks f is linear in each parameter, so only rounding errors remain
     expected = finite_differences(f, theta, step=1e-5)
     np.testing.assert_allclose(grad, expected, rtol=1e-6, atol=1e-8)
 
@@ -112,17 +104,16 @@ def test_backward_is_pure(net, rng, B):
 
 @pytest.mark.parametrize("of_theta", [np.float32, np.float64])
 @pytest.mark.parametrize("of_x", [np.float32, np.float64])
-def test_the_arithmetic_has_thetas_precision(of_theta, of_x):
+def test_the_arithmetic_has_the_precision_of_theta(of_theta, of_x):
     net = MLP((2, 3, 1))
     theta = net.init(np.random.default_rng(0)).astype(of_theta)
     q, cache = net.forward(theta, np.ones((4, 2), of_x))
-    assert {array.dtype for array in (q, *cache, net.backward(theta, cache, q))} == {
-        np.dtype(of_theta)
-    }
+    arrays = (q, *cache, net.backward(theta, cache, q))
+    assert {array.dtype for array in arrays} == {np.dtype(of_theta)}
 
 
 def test_init_is_uniform_within_one_over_the_root_of_the_inputs():
-    """Catches 1/n_in, and the bias counted as an input: √10 for √9."""
+    """Catches 1/n_in, and the bias counted as an input: √10 instead of √9."""
     net = MLP((9, 1000, 1000))
     theta = net.init(np.random.default_rng(0))
     assert theta.dtype == np.float32
@@ -141,7 +132,7 @@ def test_the_members_of_a_stack_start_apart(net, rng):
 
 
 @given(nets(), rngs(), sizes())
-def test_with_zero_output_the_network_is_0_and_learns_all_the_same(net, rng, B):
+def test_with_zero_output_the_network_is_0_and_still_learns(net, rng, B):
     theta, x = net.init(rng, zero_output=True), rng.normal(size=(B, net.widths[0]))
     q, cache = net.forward(theta, x)
     assert not q.any()
@@ -150,6 +141,6 @@ def test_with_zero_output_the_network_is_0_and_learns_all_the_same(net, rng, B):
 
 
 @pytest.mark.parametrize("widths", [(), (3,), (0, 1), (2, 0, 1), (2, -3, 1), (2, 3, 0)], ids=str)
-def test_widths_that_make_no_network_are_refused(widths):
+def test_invalid_widths_are_refused(widths):
     with pytest.raises(ValueError, match="widths must be two or more positive integers"):
         MLP(widths)

@@ -1,6 +1,4 @@
-"""The notebooks run, as committed they show what their sources say, and nothing in them belongs to
-one machine.
-"""
+"""The notebooks run, match their sources as committed, and hold nothing of one machine."""
 
 import json
 import os
@@ -20,38 +18,34 @@ MEGABYTE = 10**6
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
-def test_it_runs_from_top_to_bottom_and_shows_the_source_of_today(path, monkeypatch):
-    """In fast mode; every assertion in a cell, solutions included, is one of this test's."""
+def test_a_notebook_runs_and_shows_the_current_source(path, monkeypatch):
+    """In fast mode; every assertion in a cell counts, solutions included."""
     monkeypatch.setenv("NOTEBOOKS", "fast")
-    executed = render.execute(render.read(path))
-    assert markdown(executed) == markdown(
-        nbformat.read(path.with_suffix(".ipynb"), as_version=4)
-    ), "make notebooks"
+    executed = markdown(render.execute(render.read(path)))
+    committed = markdown(nbformat.read(path.with_suffix(".ipynb"), as_version=4))
+    assert executed == committed, "run make notebooks"
 
 
 def markdown(notebook):
-    """What the cells show as Markdown: the package's source, and tables made from it."""
+    """The Markdown that the cells show: the package's source, and tables made from it."""
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
-    return [
-        output["data"]["text/markdown"]
-        for output in outputs
-        if "text/markdown" in output.get("data", {})
-    ]
+    shown = [output.get("data", {}).get("text/markdown") for output in outputs]
+    return [text for text in shown if text is not None]
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
 def test_the_committed_notebook_has_the_cells_of_its_source(path):
     rendered = nbformat.read(path.with_suffix(".ipynb"), as_version=4)
-    assert [(c.cell_type, c.source) for c in rendered.cells] == [
-        (c.cell_type, c.source) for c in render.read(path).cells
-    ]
+    cells, committed = (
+        [(cell.cell_type, cell.source) for cell in notebook.cells]
+        for notebook in (render.read(path), rendered)
+    )
+    assert cells == committed
 
 
 @pytest.mark.parametrize("path", render.SOURCES, ids=lambda path: path.stem)
-def test_its_outputs_are_small_and_belong_to_no_machine(path):
-    """No paths, no memory addresses, no times, no widgets, no errors; every code cell was executed,
-    in order.
-    """
+def test_its_outputs_are_small_and_machine_independent(path):
+    """No paths, addresses, times, widgets or errors; every code cell was executed in order."""
     text = path.with_suffix(".ipynb").read_text(encoding="utf-8")
     assert len(text) < 0.7 * MEGABYTE
     cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
@@ -59,30 +53,23 @@ def test_its_outputs_are_small_and_belong_to_no_machine(path):
     assert [cell["execution_count"] for cell in executed] == list(range(1, len(executed) + 1))
     outputs = json.dumps([cell["outputs"] for cell in cells])
     outputs = re.sub(r'"image/png": "[^"]*"', "", outputs)
-    assert not re.search(
-        r"/(home|Users|root|tmp|opt|usr)/|C:\\\\| at 0x|widget-view|\bms\b|µs|it/s", outputs
-    )
+    of_one_machine = r"/(home|Users|root|tmp|opt|usr)/|C:\\\\| at 0x|widget-view|\bms\b|µs|it/s"
+    assert not re.search(of_one_machine, outputs)
     assert str(FOLDER.parent) not in outputs
     assert '"output_type": "error"' not in outputs
 
 
 @pytest.mark.parametrize("name", ["04_boosting", "05_replay"])
-def test_the_sliders_can_be_made(name):
-    """Their cells are left out above; as a script the same source runs with them."""
-    environ = os.environ | {"NOTEBOOKS": "fast", "MPLBACKEND": "agg"}
-    script = subprocess.run(
-        [sys.executable, f"{name}.py"],
-        cwd=FOLDER,
-        env=environ,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def test_the_sliders_work(name):
+    """The tests above leave their cells out; run as a script the source includes them."""
+    command = [sys.executable, f"{name}.py"]
+    options = dict(cwd=FOLDER, env=os.environ | {"NOTEBOOKS": "fast", "MPLBACKEND": "agg"})
+    script = subprocess.run(command, capture_output=True, text=True, **options)
     assert script.returncode == 0, script.stderr
     assert "interactive(children=(FloatSlider(" in script.stdout
 
 
-def test_there_is_a_notebook_for_every_source_and_no_other():
+def test_notebooks_and_sources_match_one_to_one():
     assert {path.stem for path in FOLDER.glob("*.ipynb")} == {path.stem for path in render.SOURCES}
 
 

@@ -1,4 +1,4 @@
-"""Adam by hand, and what clipping and averaging promise."""
+"""Adam by hand; the properties of clipping and of Polyak averaging."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from gbdqn_ref.optim import Adam, clip_by_norm, polyak
 
 
 def test_three_steps_of_adam_by_hand():
-    """A large eps shows where it stands: outside the root, and added after the correction."""
+    """A large eps shows its place: outside the root, added after the correction."""
     theta, adam = np.array([1.0]), Adam(1, lr=0.1, betas=(0.5, 0.75), eps=0.5)
     # g =  4:  m = 0/2 + 4/2 =  2,  m̂ =  2 / (1/2) = 4
     #          v = 0 + 16/4 =  4,   v̂ =  4 / (1/4) = 16
@@ -31,11 +31,9 @@ def test_adams_constants_are_those_of_its_paper():
 
 
 @given(rngs(), sizes(3), sizes(5))
-def test_adam_moves_a_stack_as_it_moves_each_member(rng, k, n):
-    stack, gradients = (
-        rng.normal(size=(k, n)).astype(np.float32),
-        rng.normal(size=(4, k, n)).astype(np.float32),
-    )
+def test_adam_treats_a_stack_like_each_member_alone(rng, k, n):
+    stack = rng.normal(size=(k, n)).astype(np.float32)
+    gradients = rng.normal(size=(4, k, n)).astype(np.float32)
     members, together, alone = stack.copy(), Adam((k, n), 0.01), [Adam(n, 0.01) for _ in range(k)]
     for gradient in gradients:
         together.step(stack, gradient)
@@ -58,7 +56,7 @@ def test_adam_works_in_place_and_leaves_the_gradient_alone():
     assert (grad == 1).all()
 
 
-def test_adams_moments_never_become_denormal_and_where_nothing_pulls_nothing_moves():
+def test_adams_moments_never_become_denormal_and_zero_gradients_move_nothing():
     theta, adam = np.array([1, 1, -1, 1], np.float32), Adam(4, lr=1e-3)
     for g in ([1, -1, 1e-3, 0], [-1, -1, 1e-9, 0]):
         adam.step(theta, np.array(g, np.float32))
@@ -73,33 +71,29 @@ def test_adams_moments_never_become_denormal_and_where_nothing_pulls_nothing_mov
 
 
 @given(vectors(3), vectors(3), positives())
-def test_clipping_shortens_what_is_too_long_and_nothing_else(first, second, max_norm):
+def test_clipping_shortens_only_gradients_that_are_too_long(first, second, max_norm):
     stack = np.array([first, second])
     for grad, clipped in zip(stack, clip_by_norm(stack, max_norm), strict=True):
         norm, clipped_norm = np.linalg.norm(grad), np.linalg.norm(clipped)
         assert clipped_norm <= max_norm * (1 + 1e-6)
-        np.testing.assert_allclose(
-            clipped * norm, grad * clipped_norm, rtol=1e-9, atol=1e-9
-        )  # direction
+        # the direction is the same
+        np.testing.assert_allclose(clipped * norm, grad * clipped_norm, rtol=1e-9, atol=1e-9)
         if norm < max_norm * (1 - 1e-9):
             assert clipped.tolist() == grad.tolist()
-        np.testing.assert_array_equal(
-            clipped, clip_by_norm(grad, max_norm)
-        )  # catches a norm over the whole stack
+        # catches a norm over the whole stack
+        np.testing.assert_array_equal(clipped, clip_by_norm(grad, max_norm))
 
 
-def test_clipping_takes_a_gradient_of_0_and_keeps_the_precision():
-    zero = np.zeros(
-        (2, 3), np.float32
-    )  # catches max_norm / ‖grad‖, which warns here, and warnings are errors
-    clipped = clip_by_norm(zero, 10.0)
+def test_clipping_accepts_a_zero_gradient_and_keeps_the_precision():
+    """Catches max_norm / ‖grad‖, which warns at 0; warnings are errors here."""
+    clipped = clip_by_norm(np.zeros((2, 3), np.float32), 10.0)
     assert not clipped.any() and clipped.dtype == np.float32
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered in vecdot")
 @pytest.mark.parametrize(("dtype", "size"), [(np.float32, 1e19), (np.float64, 1e200)])
 def test_a_norm_that_overflows_is_clipped_too(dtype, size):
-    """3² + 4² = 5², however large the unit; the squares of 1e19 are no longer a float32."""
+    """3² + 4² = 5² in any unit, but float32 cannot hold the square of 1e19."""
     grad = np.array([3, 4], dtype) * dtype(size)
     np.testing.assert_allclose(clip_by_norm(grad, 10.0), [6, 8], rtol=1e-6)
     np.testing.assert_allclose(clip_by_norm(grad, 20 * size), grad, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""A drifted environment is a freshly built one with other constants; nothing else differs."""
+"""A drifted environment equals a freshly built one with other constants."""
 
 from fractions import Fraction
 from itertools import product
@@ -16,25 +16,14 @@ from numpy import cos, pi, sin
 from gbdqn_ref import UsageError, drift, schedule
 from gbdqn_ref.physics import Acrobot, set_acrobot, set_cartpole, wrap
 
+LINKS = [f"LINK_{what}_{i}" for what in ("MASS", "LENGTH", "COM_POS") for i in (1, 2)]
+DERIVED = ["total_mass", "polemass_length"]
 CONSTANTS = {
-    "cartpole": (
-        "gravity",
-        "masscart",
-        "masspole",
-        "length",
-        "force_mag",
-        "total_mass",
-        "polemass_length",
-    ),
-    "mountaincar": ("gravity", "force"),
-    "acrobot": (
-        "gravity",
-        "LINK_MOI",
-        "AVAIL_TORQUE",
-        *(f"LINK_{what}_{i}" for what in ("MASS", "LENGTH", "COM_POS") for i in (1, 2)),
-    ),
+    "cartpole": ["gravity", "masscart", "masspole", "length", "force_mag", *DERIVED],
+    "mountaincar": ["gravity", "force"],
+    "acrobot": ["gravity", "LINK_MOI", "AVAIL_TORQUE", *LINKS],
 }
-STATES = {  # (low, high): beyond where an episode ends, and for Acrobot at full speed
+STATES = {  # (low, high): beyond the end of an episode, and for Acrobot up to full speed
     "cartpole": ([-3, -4, -0.4, -5], [3, 4, 0.4, 5]),
     "mountaincar": ([-1.2, -0.07], [0.6, 0.07]),
     "acrobot": ([-pi, -pi, -4 * pi, -9 * pi], [pi, pi, 4 * pi, 9 * pi]),
@@ -48,18 +37,13 @@ def factors_for(name):
 
 
 class OracleAcrobot(AcrobotEnv):
-    """Gymnasium's Acrobot with its own rk4; only `g` is read from the instance."""
+    """Gymnasium's Acrobot, which uses Gymnasium's rk4, with `g` read from the instance."""
 
     gravity = 9.8
 
     def _dsdt(self, s_augmented):
-        m1, m2, l1, lc1, lc2 = (
-            self.LINK_MASS_1,
-            self.LINK_MASS_2,
-            self.LINK_LENGTH_1,
-            self.LINK_COM_POS_1,
-            self.LINK_COM_POS_2,
-        )
+        m1, m2, l1 = self.LINK_MASS_1, self.LINK_MASS_2, self.LINK_LENGTH_1
+        lc1, lc2 = self.LINK_COM_POS_1, self.LINK_COM_POS_2
         I1, I2, g = self.LINK_MOI, self.LINK_MOI, self.gravity
         theta1, theta2, dtheta1, dtheta2, a = s_augmented
         d1 = m1 * lc1**2 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * cos(theta2)) + I1 + I2
@@ -82,10 +66,8 @@ def fresh_cartpole(gravity=1.0, cart_mass=1.0, pole_mass=1.0, length=1.0, force=
     env = CartPoleEnv()
     env.gravity, env.masscart, env.masspole = 9.8 * gravity, 1.0 * cart_mass, 0.1 * pole_mass
     env.length, env.force_mag = 0.5 * length, 10.0 * force
-    env.total_mass, env.polemass_length = (
-        0.1 * pole_mass + 1.0 * cart_mass,
-        0.1 * pole_mass * (0.5 * length),
-    )
+    env.total_mass = 0.1 * pole_mass + 1.0 * cart_mass
+    env.polemass_length = 0.1 * pole_mass * (0.5 * length)
     return env
 
 
@@ -131,14 +113,16 @@ def transitions(name, n=40, seed=0):
 
 
 def apart(name, x, y):
-    """The largest difference of two states; a full turn of Acrobot's angles is no difference."""
+    """The largest difference of two states; Acrobot's angles are compared modulo a turn."""
     gap = np.abs(x - y)
     if name == "acrobot":
         gap[:2] = np.minimum(gap[:2], 2 * pi - gap[:2])
     return gap.max()
 
 
-def same_transitions(name, env, other, tolerance):
+def same_transitions(name, env, other):
+    """Equal to the bit; Acrobot's Runge-Kutta steps round differently."""
+    tolerance = 1e-12 if name == "acrobot" else 0
     for state, action in transitions(name):
         x, observation, *outcome = after(env, state, action)
         y, other_observation, *other_outcome = after(other, state, action)
@@ -152,52 +136,40 @@ def constants(name, env):
     return {key: getattr(env, key) for key in CONSTANTS[name]}
 
 
-def test_every_environment_is_checked_here_or_is_hopper_with_a_file_of_its_own():
+def test_every_environment_but_hopper_is_checked_here():
     assert [*CONSTANTS, "hopper"] == list(drift.ENVIRONMENTS)
 
 
 @pytest.mark.parametrize("by", [0.5, 1.7])
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
 def test_a_drifted_environment_is_a_freshly_built_one(name, key, by):
-    # catches a derived constant that does not follow: polemass_length, LINK_COM_POS, LINK_MOI …
-    same_transitions(
-        name,
-        drifted(name, **{key: by}),
-        FRESH[name](**{key: by}),
-        1e-12 if name == "acrobot" else 0,
-    )
+    """Catches a derived constant that is not updated: polemass_length, LINK_COM_POS, LINK_MOI …"""
+    same_transitions(name, drifted(name, **{key: by}), FRESH[name](**{key: by}))
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_all_factors_together_are_a_freshly_built_environment(name):
     factors = {key: 0.6 + 0.3 * i for i, key in enumerate(schedule.stock(name))}
-    same_transitions(
-        name, drifted(name, **factors), FRESH[name](**factors), 1e-12 if name == "acrobot" else 0
-    )
+    same_transitions(name, drifted(name, **factors), FRESH[name](**factors))
 
 
 @pytest.mark.parametrize(("name", "key"), PARAMETERS)
-def test_this_change_has_an_effect(name, key):
+def test_each_factor_has_an_effect(name, key):
     stock, changed = drifted(name), drifted(name, **{key: 1.5})
-    assert (
-        max(
-            apart(name, after(stock, s, a)[0], after(changed, s, a)[0])
-            for s, a in transitions(name, 10)
-        )
-        > 1e-5
-    )
+    pairs = [(after(stock, *each)[0], after(changed, *each)[0]) for each in transitions(name, 10)]
+    assert max(apart(name, x, y) for x, y in pairs) > 1e-5
 
 
 @pytest.mark.parametrize("by", [-1.0, -0.5])
 @pytest.mark.parametrize("name", ["cartpole", "mountaincar"])
 def test_a_push_can_be_reversed(name, by):
-    same_transitions(name, drifted(name, force=by), FRESH[name](force=by), 0)
+    same_transitions(name, drifted(name, force=by), FRESH[name](force=by))
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_no_factors_restore_the_stock_constants_whatever_came_before(name, data):
+def test_without_factors_a_setter_restores_the_stock_constants(name, data):
     setter, env = drift.ENVIRONMENTS[name][1], drifted(name)
     for earlier in data.draw(st.lists(factors_for(name), max_size=4)):
         setter(env, **earlier)
@@ -208,7 +180,7 @@ def test_no_factors_restore_the_stock_constants_whatever_came_before(name, data)
 @pytest.mark.parametrize("name", CONSTANTS)
 @settings(max_examples=25, deadline=None)
 @given(data=st.data())
-def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
+def test_a_setter_call_ignores_earlier_ones(name, data):
     setter, used, unused = drift.ENVIRONMENTS[name][1], drifted(name), drifted(name)
     earlier, last = data.draw(factors_for(name)), data.draw(factors_for(name))
     setter(used, **earlier)  # catches *= in place of =
@@ -218,19 +190,18 @@ def test_no_call_of_a_setter_builds_on_an_earlier_one(name, data):
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_only_the_instance_drifts_never_the_class(name):
+def test_only_the_instance_drifts_not_the_class(name):
     env = drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     later = drifted(name)
     assert constants(name, env) != constants(name, later) == constants(name, FRESH[name]())
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_a_setter_governs_just_the_constants_compared_here(name):
+def test_a_setter_changes_exactly_the_constants_compared_here(name):
     stock, env = drifted(name), drifted(name, **dict.fromkeys(schedule.stock(name), 3.0))
     numbers = {key for key in dir(stock) if isinstance(getattr(stock, key), (float, list))}
-    assert {key for key in numbers if getattr(stock, key) != getattr(env, key)} == set(
-        CONSTANTS[name]
-    )
+    changed = {key for key in numbers if getattr(stock, key) != getattr(env, key)}
+    assert changed == set(CONSTANTS[name])
 
 
 def test_acrobot_at_nominal_constants_is_the_stock_acrobot():
@@ -251,7 +222,7 @@ def test_acrobot_episodes_are_the_stock_episodes(seed):
     s, _ = ours.reset(seed=seed)
     assert np.array_equal(s, stock.reset(seed=seed)[0])
     rng, ends = np.random.default_rng(seed), False
-    while not ends:  # 500 steps: the time limit of the stock registration
+    while not ends:  # at the stock registration's time limit of 500 steps
         action = int(rng.integers(3))
         s, *outcome, _ = ours.step(action)
         stock_s, *stock_outcome, _ = stock.step(action)
@@ -262,10 +233,8 @@ def test_acrobot_episodes_are_the_stock_episodes(seed):
 
 def test_acrobot_is_registered_like_the_stock_one():
     ours, stock = gymnasium.spec("gbdqn_ref/Acrobot-v1"), gymnasium.spec("Acrobot-v1")
-    assert (ours.max_episode_steps, ours.reward_threshold) == (
-        stock.max_episode_steps,
-        stock.reward_threshold,
-    )
+    assert ours.max_episode_steps == stock.max_episode_steps
+    assert ours.reward_threshold == stock.reward_threshold
     assert drift.make("acrobot").observation_space == gymnasium.make("Acrobot-v1").observation_space
 
 
@@ -283,7 +252,7 @@ def test_acrobot_has_the_options_of_the_stock_acrobot(option, value):
     assert max(gaps) > 1e-3, "the option has an effect"
 
 
-def test_acrobot_says_that_it_must_be_reset_first():
+def test_acrobot_asks_to_be_reset_first():
     with pytest.raises(ResetNeeded, match="reset"):
         Acrobot().step(0)
 
@@ -295,8 +264,8 @@ def test_a_step_before_the_first_reset_is_refused(name):
 
 
 @pytest.mark.parametrize("name", drift.ENVIRONMENTS)
-def test_there_is_no_action_before_the_first_or_after_the_last(name):
-    """Catches a list, of which −1 is the last element."""
+def test_actions_out_of_range_are_refused(name):
+    """Catches −1 as the index of the last action."""
     env = drift.make(name)
     env.reset(seed=0)
     for action in (-1, int(env.action_space.n), "left", None):
@@ -306,7 +275,7 @@ def test_there_is_no_action_before_the_first_or_after_the_last(name):
         env.step(action)
 
 
-def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
+def test_acrobot_names_the_valid_actions_when_it_refuses_one():
     env = Acrobot()
     env.reset(seed=0)
     with pytest.raises(UsageError, match=r"^action must be a whole number from 0 to 2, not -1$"):
@@ -315,21 +284,21 @@ def test_the_actions_of_acrobot_are_named_when_another_one_is_refused():
 
 @given(st.floats(-60, 60) | st.integers(-19, 19).map(lambda k: k * pi) | st.just(-0.0))
 @settings(max_examples=2000)
-def test_an_angle_is_wrapped_as_turn_by_turn_to_the_bit(angle):
+def test_an_angle_is_wrapped_as_gymnasium_does_to_the_bit(angle):
     for near in (angle, np.nextafter(angle, -np.inf).item(), np.nextafter(angle, np.inf).item()):
         assert wrap(near).hex() == stock_wrap(near, -pi, pi).hex()
 
 
 @pytest.mark.parametrize("angle", [1e5, 1e17, 1e300, -1e300])
 def test_no_angle_is_too_large_to_be_wrapped(angle):
-    """Catches turns taken off one by one, of which 1e17 does not notice any."""
+    """Catches subtracting turns one by one, which does not change 1e17."""
     turns = (Fraction(angle) - Fraction(wrap(angle))) / Fraction(2 * pi)
     assert abs(wrap(angle)) <= pi and turns.denominator == 1
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_every_corner_of_the_factors_can_be_stepped(name):
-    """A hundredth and a hundred times each constant: nothing overflows, divides by 0 or hangs."""
+    """At 0.01 and 100 times each constant nothing overflows, divides by 0 or hangs."""
     names, rng = list(schedule.stock(name)), np.random.default_rng(0)
     for corner in product((0.01, 100.0), repeat=len(names)):
         env = drifted(name, **dict(zip(names, corner, strict=True)))
@@ -338,22 +307,20 @@ def test_every_corner_of_the_factors_can_be_stepped(name):
 
 
 def alike(env, other):
-    assert all(
-        apart("acrobot", after(env, s, a)[0], after(other, s, a)[0]) < 1e-9
-        for s, a in transitions("acrobot")
-    )
+    for each in transitions("acrobot"):
+        assert apart("acrobot", after(env, *each)[0], after(other, *each)[0]) < 1e-9
 
 
 @pytest.mark.parametrize("k", [0.5, 1.5, 4.0])
-def test_heavier_links_are_weaker_motors(k):
+def test_heavier_links_act_like_weaker_motors(k):
     heavy, weak = Acrobot(), Acrobot()
-    set_acrobot(heavy, mass=k)  # catches a moment of inertia that keeps its mass
+    set_acrobot(heavy, mass=k)  # catches a moment of inertia that ignores the mass
     weak.AVAIL_TORQUE = [torque / k for torque in Acrobot.AVAIL_TORQUE]
     alike(heavy, weak)
 
 
 @pytest.mark.parametrize("k", [0.5, 1.5, 4.0])
-def test_longer_links_are_weaker_gravity_and_still_weaker_motors(k):
+def test_longer_links_act_like_weaker_gravity_and_even_weaker_motors(k):
     long, weak = Acrobot(), Acrobot()
     set_acrobot(long, length=k)  # catches a moment of inertia that scales with k instead of k²
     set_acrobot(weak, gravity=1 / k)
@@ -362,7 +329,7 @@ def test_longer_links_are_weaker_gravity_and_still_weaker_motors(k):
 
 
 def lagrangian_acceleration(state, push, g, cart, pole, half_length):
-    """d²θ/dt² from the equations of motion of cart and pole, solved as a linear system."""
+    """d²θ/dt² from the equations of motion of cart and pole, a linear system."""
     _, _, theta, speed = state
     lever = pole * half_length
     masses = [[cart + pole, lever * cos(theta)], [lever * cos(theta), 4 / 3 * lever * half_length]]
@@ -370,33 +337,26 @@ def lagrangian_acceleration(state, push, g, cart, pole, half_length):
     return np.linalg.solve(masses, forces)[1]
 
 
-@given(
-    st.sampled_from(sorted(schedule.stock("cartpole"))),
-    factor,
-    st.integers(0, 1),
-    st.integers(0, 99),
-)
+CARTPOLE = sorted(schedule.stock("cartpole"))
+
+
+@given(st.sampled_from(CARTPOLE), factor, st.integers(0, 1), st.integers(0, 99))
 @settings(max_examples=60, deadline=None)
 def test_cartpole_accelerates_as_its_equations_of_motion_say(key, by, action, seed):
     env = CartPoleEnv()
     set_cartpole(env, **{key: by})
     state = np.random.default_rng(seed).uniform(*STATES["cartpole"])
-    f = dict.fromkeys(schedule.stock("cartpole"), 1.0) | {key: by}
-    expected = lagrangian_acceleration(
-        state,
-        (20 * action - 10) * f["force"],
-        9.8 * f["gravity"],
-        f["cart_mass"],
-        0.1 * f["pole_mass"],
-        0.5 * f["length"],
-    )
+    f = dict.fromkeys(CARTPOLE, 1.0) | {key: by}
+    push, g = (20 * action - 10) * f["force"], 9.8 * f["gravity"]
+    bodies = f["cart_mass"], 0.1 * f["pole_mass"], 0.5 * f["length"]
+    expected = lagrangian_acceleration(state, push, g, *bodies)
     observed = (after(env, state, action)[0][3] - state[3]) / env.tau
     assert observed == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-def test_a_pole_ten_times_as_heavy_alone_accelerates_rightly():
+def test_a_pole_ten_times_as_heavy_accelerates_correctly():
     env, state = CartPoleEnv(), (0.0, 0.0, 0.0, 0.0)
     set_cartpole(env, pole_mass=10.0)
-    # upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6) = −12;
-    # with a stale total_mass it is −42.9
+    # Upright and at rest: −F / ((M + m) l (4/3 − m/(M + m))) = −10 / (2 · ½ · 5/6) = −12.
+    # With a stale total_mass it is −42.9.
     assert after(env, state, 1)[0][3] / env.tau == pytest.approx(-12.0)

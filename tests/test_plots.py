@@ -1,4 +1,4 @@
-"""What a picture shows, read from its artists and worked out by hand from a few rows."""
+"""What each figure shows, read from its artists and checked by hand on a few rows."""
 
 import subprocess
 import sys
@@ -15,23 +15,22 @@ from gbdqn_ref import UsageError, plots, stats
 from gbdqn_ref.agents import AGENTS, BLUE, ORANGE
 from gbdqn_ref.config import Config
 
-CONFIG = Config(
-    env="cartpole", seed=7, episodes=20,
-    schedule=[
-        {"episode": 8, "gravity": 3, "length": 2}, {"episode": 14, "reset": True},
-        {"episode": 90, "force": 2},
-    ],
-)  # fmt: skip
+SCHEDULE = [
+    {"episode": 8, "gravity": 3, "length": 2},
+    {"episode": 14, "reset": True},
+    {"episode": 90, "force": 2},
+]
+CONFIG = Config(env="cartpole", seed=7, episodes=20, schedule=SCHEDULE)
 STARTS, SHADED = [8, 14], [(8, 14)]
 
 
 def records(returns, first=0):
-    """A run's records, as far as pictures read them."""
+    """The fields of a run's records that the figures read."""
     return [{"episode": k, "return": float(r)} for k, r in enumerate(returns, first)]
 
 
 def summary(seed=0, final=0.0, regimes=()):
-    """A run's summary; of each regime after the first (drop, recovery, area)."""
+    """The summary of a run, given (drop, recovery, area) of each regime after the first."""
     rows = [dict(zip(("drop", "recovery", "area"), row, strict=True)) for row in regimes]
     return {"seed": seed, "final_return": final, "regimes": [{}, *rows]}
 
@@ -51,26 +50,26 @@ def look(line):
 
 
 def looks_like(agent, mark=True, line=False):
-    """The same, of what stands for an agent."""
+    """(colour, mark, line style) of an agent's mark, or of its line."""
     agent = AGENTS[agent]
-    return (
-        agent.colour.upper(), agent.mark if mark else "None", agent.line if line else "None"
-    )  # fmt: skip
+    mark, line = agent.mark if mark else "None", agent.line if line else "None"
+    return agent.colour.upper(), mark, line
 
 
 def upright(axes):
-    """Where lines go from bottom to top."""
+    """The x of each vertical line."""
     lines = [line.get_xdata() for line in axes.lines if list(line.get_ydata()) == [0, 1]]
     return [x for x, _ in lines]
 
 
 def level(axes):
-    """Where lines go from side to side."""
+    """The y of each horizontal line."""
     lines = [line.get_ydata() for line in axes.lines if list(line.get_xdata()) == [0, 1]]
     return [y for y, _ in lines]
 
 
 def shaded(axes):
+    """The x-range of each shaded span."""
     boxes = [patch.get_bbox() for patch in axes.patches]
     assert all((box.y0, box.y1) == (0, 1) for box in boxes)
     return [(box.x0, box.x1) for box in boxes]
@@ -84,7 +83,7 @@ def texts(axes):
 
 
 def test_a_learning_curve_shows_the_returns_and_their_trailing_means():
-    """Of 0, 1, 2, … the mean of the last 15 is 7 at episode 14."""
+    """The mean of 0, …, 14 is 7, at episode 14."""
     runs = {"dqn": records(range(20)), "gbdqn-per": records([50] * 20)}
     axes = plots.learning_curves(runs, CONFIG, -3.0).axes[0]
     first, smooth, others, smooth_too, random, *_ = axes.lines
@@ -99,7 +98,7 @@ def test_a_learning_curve_shows_the_returns_and_their_trailing_means():
     assert list(random.get_ydata()) == [-3, -3]
 
 
-def test_a_learning_curve_stands_at_its_episodes():
+def test_a_learning_curve_is_drawn_at_its_episodes():
     axes = plots.learning_curves({"dqn": records(range(15), first=4)}, CONFIG, 0.0).axes[0]
     assert points(axes.lines[0]) == [(4 + k, k) for k in range(15)]
     assert points(axes.lines[1]) == [(18, 7)]
@@ -110,12 +109,12 @@ def test_a_learning_curve_says_what_it_shows():
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("episode", "return")
     assert figure.get_suptitle() == (
-        "CartPole, seed 7: episodes, and means of the last 15; grey: not the stock physics"
+        "CartPole, seed 7: episodes, and means of the last 15; grey: drifted physics"
     )
 
 
 def test_regimes_within_the_run_are_marked_shaded_and_named():
-    """The drift at episode 90 never comes; the axis ends with the run."""
+    """The run ends before the drift at episode 90, and so does the axis."""
     axes = plots.learning_curves({"dqn": records(range(20))}, CONFIG, -3.0).axes[0]
     assert axes.get_xlim() == (0, 20)
     assert (upright(axes), shaded(axes)) == (STARTS, SHADED)
@@ -129,16 +128,16 @@ def test_regimes_within_the_run_are_marked_shaded_and_named():
     assert {(text.get_ha(), text.get_va()) for text in axes.texts[2:]} == {("center", "bottom")}
 
 
-def test_names_of_narrow_regimes_are_turned():
-    """One of 100 episodes is as wide as its name, one of less is not."""
+def test_names_of_narrow_regimes_are_rotated():
+    """A regime of 110 episodes is as wide as its name; one of 109 is not."""
     for start, turned in ((890, 0), (891, 90)):
         config = Config(episodes=1000, schedule=[{"episode": start, "gravity": 2}])
         axes = plots.learning_curves({"dqn": records([0, 1])}, config, 0.0).axes[0]
         assert [text.get_rotation() for text in axes.texts[2:]] == [turned, turned]
 
 
-def test_a_curve_is_named_at_its_right_end():
-    """The name stands where the trailing mean ends, in the curve's colour, beside the axes."""
+def test_a_curve_is_labelled_at_its_right_end():
+    """The label stands beside the axes where the trailing mean ends, in the curve's colour."""
     runs = {"dqn": records(range(20)), "reset": records([40] * 19 + [100])}
     axes = plots.learning_curves(runs, CONFIG, 80.0).axes[0]
     low, high = axes.get_ylim()
@@ -152,14 +151,14 @@ def test_a_curve_is_named_at_its_right_end():
         assert text.get_color() == colour and text.get_transform() == axes.transAxes
 
 
-def test_a_run_too_short_for_a_trailing_mean_is_named_at_its_last_return():
+def test_a_run_too_short_for_a_trailing_mean_is_labelled_at_its_last_return():
     axes = plots.learning_curves({"dqn": records([0, 10, 4])}, CONFIG, 10.0).axes[0]
     low, high = axes.get_ylim()
     assert texts(axes)["DQN"].get_position()[1] == pytest.approx((4 - low) / (high - low))
     assert points(axes.lines[1]) == []
 
 
-def test_names_that_would_overlap_are_moved_apart_by_equal_parts():
+def test_overlapping_labels_move_apart_equally():
     gap = plots.LINE_HEIGHT
     apart = plots.apart(np.array([0.5, 0.1, 0.5 + gap / 2]))
     np.testing.assert_allclose(apart, [0.5 - gap / 4, 0.1, 0.5 + gap * 3 / 4])
@@ -173,19 +172,15 @@ def test_names_that_would_overlap_are_moved_apart_by_equal_parts():
 
 def study(**runs):
     """The panels of study_curves, and the figure."""
-    figure = plots.study_curves(
-        {
-            agent.replace("_", "-"): [records(each) for each in seeds]
-            for agent, seeds in runs.items()
-        },
-        CONFIG,
-        -3.0,
-    )
+    rows = {
+        agent.replace("_", "-"): [records(each) for each in seeds] for agent, seeds in runs.items()
+    }
+    figure = plots.study_curves(rows, CONFIG, -3.0)
     return figure.axes, figure
 
 
-def test_a_panel_shows_every_seed_their_mean_and_dqns():
-    """Of 0, 3, 6, … the mean of the last 15 is 21 at episode 14; with 5 and 1 it has the mean 9."""
+def test_a_panel_shows_every_seed_their_mean_and_dqns_mean():
+    """At episode 14 the trailing mean of 0, 3, 6, … is 21; the mean of 21, 5 and 1 is 9."""
     seeds = [range(0, 60, 3), [5] * 20, [1] * 20]
     axes, _ = study(gbdqn=seeds, dqn=[[1] * 20, [2] * 20, [6] * 20])
     *thin, mean, rival, random = axes[0].lines[:6]
@@ -202,10 +197,9 @@ def test_a_panel_shows_every_seed_their_mean_and_dqns():
 
 
 def test_the_band_is_the_95_percent_bootstrap_interval_of_the_mean():
-    """Of one 10 among five, a resample has n with probability C(5, n) 0.2ⁿ 0.8⁵⁻ⁿ, a mean of 2n.
+    """With one 10 and four 0, a resample has n tens with probability C(5, n) 0.2ⁿ 0.8⁵⁻ⁿ.
 
-    Three or fewer come with 99.3 %, two or fewer with 94.2 %: the interval is 0 to 6. Half of all
-    would lie between 0 and 4.
+    Its mean is 2n. At most three tens have 99.3 %, at most two 94.2 %: the interval is 0 to 6.
     """
     axes, _ = study(dqn=[[0] * 20] * 4 + [[10] * 20])
     (band,) = axes[0].collections
@@ -219,7 +213,7 @@ def test_a_single_seed_has_no_band():
     assert not axes[0].collections
 
 
-def test_panels_stand_in_the_order_of_the_agents_and_the_rest_is_empty():
+def test_panels_follow_the_order_of_the_agents_and_spare_ones_are_hidden():
     axes, figure = study(dqn=[[1] * 20], reset=[[2] * 20], gbdqn=[[3] * 20], dqn_recency=[[4] * 20])
     names = [panel.get_title(loc="left") for panel in axes]
     assert names == ["DQN", "Reset-DQN", "GB-DQN", "DQN-recency", "", ""]
@@ -234,11 +228,11 @@ def test_panels_stand_in_the_order_of_the_agents_and_the_rest_is_empty():
 
 def test_a_study_says_what_it_shows():
     _, figure = study(dqn=[[1] * 20])
-    assert figure.get_supxlabel() == "episode (grey: not the stock physics)"
+    assert figure.get_supxlabel() == "episode (grey: drifted physics)"
     assert figure.get_supylabel() == "return, mean of the last 15"
     assert figure.get_suptitle() == (
         "CartPole: seeds (thin), their mean (thick), its 95 % bootstrap interval (band);\n"
-        "the mean of DQN (dashed), the random policy (dotted)"
+        "DQN's mean (dashed), the random policy (dotted)"
     )
 
 
@@ -248,7 +242,7 @@ def test_every_panel_marks_the_regimes_within_the_run():
         assert (upright(panel), shaded(panel), panel.get_xlim()) == (STARTS, SHADED, (0, 20))
 
 
-def test_dqns_mean_is_drawn_only_where_there_is_one_and_not_upon_itself():
+def test_dqns_mean_is_drawn_only_in_other_agents_panels():
     for runs, lines in ((dict(gbdqn=[[1] * 20]), 3), (dict(dqn=[[1] * 20]), 3)):
         axes, _ = study(**runs)
         assert len(axes[0].lines) == lines + len(STARTS)
@@ -288,7 +282,7 @@ def placed(axes):
 
 
 def test_recoveries_and_their_medians_stand_side_by_side(adaptation):
-    """DQN's 3, 6 and never have the median 6, GB-DQN's 2, 4 and three times never that of never."""
+    """DQN's 3, 6 and never have the median 6; GB-DQN's 2, 4 and three nevers have never."""
     above, _ = adaptation.axes
     dqn, gbdqn = looks_like("dqn"), looks_like("gbdqn")
     dot, other = (dqn[0], "o", "None"), (gbdqn[0], "o", "None")
@@ -300,7 +294,7 @@ def test_recoveries_and_their_medians_stand_side_by_side(adaptation):
 
 
 def test_areas_and_their_medians_stand_below_them(adaptation):
-    """An undefined area counts neither as 0 nor as anything else: 0.9, 0.4 and 0.1 are left."""
+    """Undefined areas are left out: 0.9, 0.4 and 0.1 remain."""
     _, below = adaptation.axes
     areas = {x: [y for y, _ in marks] for x, marks in placed(below).items()}
     assert areas == {
@@ -311,7 +305,7 @@ def test_areas_and_their_medians_stand_below_them(adaptation):
     assert placed(below)[1.2][-1][1] == looks_like("gbdqn")
 
 
-def test_undefined_recoveries_are_counted_apart_from_those_that_never_came(adaptation):
+def test_undefined_recoveries_are_counted_apart_from_missing_ones(adaptation):
     above, below = adaptation.axes
     counts = [(round(text.get_position()[0], 6), text.get_text()) for text in above.texts]
     assert counts == [(0.8, "2"), (2.2, "5")]
@@ -324,7 +318,7 @@ def test_undefined_recoveries_are_counted_apart_from_those_that_never_came(adapt
     assert not below.texts
 
 
-def test_the_scales_after_a_drift(adaptation):
+def test_the_axes_after_a_drift(adaptation):
     above, below = adaptation.axes
     assert level(above) == [NEVER] and level(below) == [1, 0]
     assert above.get_ylim() == (0, pytest.approx(6 * (1 + 2 * plots.LANE)))
@@ -337,12 +331,12 @@ def test_the_scales_after_a_drift(adaptation):
         "gravity × 3\nlength × 2",
         "reset:\nstock physics",
     ]
-    assert above.get_ylabel() == "recovery, episodes"
+    assert above.get_ylabel() == "recovery (episodes)"
     assert below.get_ylabel() == "area (0: random, 1: as before)"
     assert above.get_shared_x_axes().joined(above, below)
 
 
-def test_the_legend_after_a_drift_has_the_agents_that_learn(adaptation):
+def test_the_legend_after_a_drift_lists_the_agents_that_learn(adaptation):
     (legend,) = adaptation.legends
     assert [text.get_text() for text in legend.get_texts()] == ["DQN", "GB-DQN"]
     assert [look(line) for line in legend.get_lines()] == [looks_like("dqn"), looks_like("gbdqn")]
@@ -355,8 +349,8 @@ def test_the_legend_after_a_drift_has_the_agents_that_learn(adaptation):
 # --- differences to DQN ---------------------------------------------------------------------------
 
 
-def test_the_forest_shows_ours_minus_dqns_from_top_to_bottom():
-    """The differences are 1, 2, 3, 4, 100: their interquartile mean is 3, their mean 22."""
+def test_the_forest_shows_each_agents_difference_to_dqn():
+    """The differences 1, 2, 3, 4, 100 have the interquartile mean 3 and the mean 22."""
     dqn, ours = [10, 20, 30, 40, 50], [11, 22, 33, 44, 150]
     summaries = {"gbdqn": finals(*ours), "dqn": finals(*dqn), "reset": finals(0, 10, 20, 30, 40)}
     figure = plots.forest(summaries, CONFIG)
@@ -369,9 +363,7 @@ def test_the_forest_shows_ours_minus_dqns_from_top_to_bottom():
     assert points(bar) == [(low, 1), (high, 1)] and low < 3 < high
     assert look(bar) == looks_like("gbdqn", mark=False, line=True)
     assert look(dots) == (AGENTS["gbdqn"].colour, "o", "None")
-    assert [points(line) for line in lower] == [
-        [(-10, 0)] * 5, [(-10, 0), (-10, 0)], [(-10, 0)]
-    ]  # fmt: skip
+    assert [points(line) for line in lower] == [[(-10, 0)] * n for n in (5, 2, 1)]
     assert list(axes.get_yticks()) == [0, 1] and axes.get_ylim() == (-0.6, 1.6)
     assert [label.get_text() for label in axes.get_yticklabels()] == ["Reset-DQN", "GB-DQN"]
     assert axes.get_xlabel() == "final return minus DQN's"
@@ -380,7 +372,7 @@ def test_the_forest_shows_ours_minus_dqns_from_top_to_bottom():
     )
 
 
-def test_the_forest_forms_its_pairs_by_seed():
+def test_the_forest_pairs_runs_by_seed():
     ours = [summary(5, 3), summary(2, 13)]
     dqn = [summary(2, 10), summary(9, 99), summary(5, 0)]
     axes = plots.forest({"gbdqn": ours, "dqn": dqn}, CONFIG).axes[0]
@@ -397,7 +389,7 @@ def test_a_single_pair_has_no_interval():
 
 @pytest.fixture
 def maps():
-    """Two actions' values change hands in one corner."""
+    """The greedy action changes in one corner."""
     before = np.zeros((5, 5, 3))
     before[..., 0] = 1.0
     after = before.copy()
@@ -410,29 +402,24 @@ def pictures(figure):
 
 
 def test_the_maps_show_what_the_booster_added(maps):
-    """That corner is coloured above, and black below."""
+    """That corner is coloured above and black below."""
     shown = [np.asarray(image.get_array(), float) for image in pictures(maps)]
     corner = np.zeros((5, 5))
     corner[4, 4] = 1
-    for image, expected in zip(
-        shown,
-        (corner * 0 + 1, 3 * corner, 1 + 2 * corner, corner * 0, corner, 2 * corner),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(image, expected)
+    above = [0 * corner + 1, 3 * corner, 1 + 2 * corner]
+    np.testing.assert_array_equal(shown, [*above, 0 * corner, corner, 2 * corner])
 
 
-def test_what_is_added_is_that_of_the_action_preferred_afterwards():
-    """It adds 5 to the second action; the first stays the best, so nothing is seen of it."""
+def test_the_added_value_is_of_the_action_preferred_afterwards():
+    """The booster adds 5 to the second action, which stays worse than the first."""
     before = np.full((2, 2, 3), [9.0, 0.0, 0.0])
     figure = plots.value_maps(before, before + [-1.0, 5.0, 0.0], 2)
     assert (pictures(figure)[1].get_array() == -1).all()
 
 
-def test_the_maps_have_common_colours_and_names(maps):
-    assert [image.get_clim() for image in pictures(maps)] == [
-        (1, 3), (-3, 3), (1, 3), (0, 2), (0, 1), (0, 2)
-    ]  # fmt: skip
+def test_the_maps_share_colour_scales_and_labels(maps):
+    above, below = [(1, 3), (-3, 3), (1, 3)], [(0, 2), (0, 1), (0, 2)]
+    assert [image.get_clim() for image in pictures(maps)] == above + below
     assert [image.get_cmap().name for image in pictures(maps)[:3]] == ["viridis", "PuOr", "viridis"]
     assert pictures(maps)[4].get_cmap().name == "Greys"
     colours = [tuple(to_rgba(colour)) for colour in (BLUE, "0.9", ORANGE)]
@@ -443,23 +430,23 @@ def test_the_maps_have_common_colours_and_names(maps):
     assert [patch.get_facecolor() for patch in legend.get_patches()] == colours
     assert [axes.get_title(loc="left") for axes in maps.axes[:6]] == [
         "$\\mathrm{max}_a\\, Q_{11}$",
-        "$\\alpha\\, h_{12}$, at $Q_{12}$'s action",
+        "$\\alpha\\, h_{12}$, at $Q_{12}$'s greedy action",
         "$\\mathrm{max}_a\\, Q_{12}$",
-        "greedy in $Q_{11}$",
-        "where that changed (black)",
-        "greedy in $Q_{12}$",
+        "greedy action of $Q_{11}$",
+        "changed (black)",
+        "greedy action of $Q_{12}$",
     ]
     assert [axes.get_xlabel() for axes in maps.axes[:6]] == [""] * 3 + ["position"] * 3
-    assert [axes.get_ylabel() for axes in maps.axes[:6]] == ["velocity, per step", "", ""] * 2
+    assert [axes.get_ylabel() for axes in maps.axes[:6]] == ["velocity per step", "", ""] * 2
 
 
-def test_the_maps_have_a_scale_beside_each_picture_of_values(maps):
+def test_each_value_map_has_a_colour_bar(maps):
     scales = maps.axes[6:]
     assert len(scales) == 3
     assert [axes._colorbar.mappable for axes in scales] == pictures(maps)[:3]
 
 
-def test_the_lower_end_of_the_scale_is_the_lowest_best_value_of_both():
+def test_the_colour_scale_starts_at_the_lowest_greedy_value_of_both():
     before = np.full((2, 2, 3), -5.0)
     before[0, 0, 1] = -2
     figure = plots.value_maps(before, before + 1, 2)
@@ -467,7 +454,7 @@ def test_the_lower_end_of_the_scale_is_the_lowest_best_value_of_both():
     assert pictures(plots.value_maps(before, before - 1, 2))[0].get_clim() == (-6, -2)
 
 
-def test_the_maps_lie_on_the_plane_with_its_lowest_velocity_below(maps):
+def test_the_maps_cover_the_plane_with_the_lowest_velocity_at_the_bottom(maps):
     for image in pictures(maps):
         assert tuple(image.get_extent()) == (-1.2, 0.6, -0.07, 0.07)
         assert image.origin == "lower"
@@ -477,7 +464,7 @@ def test_the_maps_lie_on_the_plane_with_its_lowest_velocity_below(maps):
 
 
 def synthetic(config, agent, seed):
-    """Records and summary of a run that learns, and loses half at each drift."""
+    """Records and summary of a run that learns, and loses half of its return at each drift."""
     rng = np.random.default_rng([list(AGENTS).index(agent), seed])
     rows = []
     for k, regime in enumerate(config.regimes):
@@ -510,20 +497,19 @@ KINDS = ["learning_curves", "study_curves", "adaptation", "forest", "value_maps"
 
 
 def unseen(figure):
-    """The texts that are not drawn: ticks beyond an axis' ends, and hidden axes."""
+    """The texts that are not drawn: ticks beyond the ends of an axis, and hidden axes."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
-            yield from (
-                tick.label1 for tick in axis.get_major_ticks() if not low <= tick.get_loc() <= high
-            )
+            ticks = axis.get_major_ticks()
+            yield from (tick.label1 for tick in ticks if not low <= tick.get_loc() <= high)
         if not axes.get_visible():
             yield from axes.findobj(Text)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_text_lies_upon_another(kind):
-    """With all agents, and the preset whose regimes have the longest names."""
+def test_no_two_texts_overlap(kind):
+    """With all agents and the preset with the longest regime names."""
     figure = drawn(kind, Config.preset("hopper"), AGENTS)
     figure.draw_without_rendering()
     hidden = set(unseen(figure))
@@ -535,21 +521,19 @@ def test_no_text_lies_upon_another(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_picture_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
-    theirs = {
-        "text.usetex": True, "font.size": 30, "font.family": "monospace", "lines.linewidth": 9,
-        "savefig.bbox": "tight", "figure.facecolor": "red", "savefig.transparent": True,
-        "axes.grid": True, "image.cmap": "jet", "legend.fontsize": 3,
-    }  # fmt: skip
+def test_a_figure_does_not_depend_on_the_users_matplotlibrc(tmp_path, kind):
+    theirs = {"text.usetex": True, "font.size": 30, "font.family": "monospace"}
+    theirs |= {"lines.linewidth": 9, "axes.grid": True, "image.cmap": "jet", "legend.fontsize": 3}
+    theirs |= {"savefig.bbox": "tight", "savefig.transparent": True, "figure.facecolor": "red"}
     agents = ["gbdqn", "dqn"]
     plots.save(drawn(kind, CONFIG, agents), tmp_path / "ours.png")
     with matplotlib.rc_context(theirs):
         plots.save(drawn(kind, CONFIG, agents), tmp_path / "theirs.png")
-        assert matplotlib.rcParams["font.size"] == 30, "the user's own pictures keep it"
+        assert matplotlib.rcParams["font.size"] == 30, "the user's figures keep it"
     assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "theirs.png").read_bytes()
 
 
-def test_a_picture_is_a_png_in_a_folder_that_is_made(tmp_path):
+def test_a_figure_is_saved_as_png_in_a_new_folder(tmp_path):
     path = tmp_path / "a" / "new" / "forest.png"
     plots.save(drawn("forest", CONFIG, ["gbdqn", "dqn"]), path)
     assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -560,9 +544,9 @@ def test_a_picture_is_a_png_in_a_folder_that_is_made(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("x.pdf", r"is written as \.png"), ("x", r"is written as \.png"), (".", "is a folder")],
+    [("x.pdf", r"is a \.png file"), ("x", r"is a \.png file"), (".", "is a folder")],
 )
-def test_a_file_of_another_kind_is_refused(tmp_path, name, words):
+def test_another_file_type_is_refused(tmp_path, name, words):
     with pytest.raises(UsageError, match=words):
         plots.save(drawn("forest", CONFIG, ["gbdqn", "dqn"]), tmp_path / name)
     assert not contents(tmp_path)
@@ -571,12 +555,12 @@ def test_a_file_of_another_kind_is_refused(tmp_path, name, words):
 @pytest.mark.parametrize(
     ("backend", "before", "then"),
     [
-        ("nonsense", "", ""),  # it names nothing, and nothing is drawn on a screen
-        ("svg", "", "svg"),  # it still counts for the user's own pictures
-        ("svg", "import matplotlib; matplotlib.use('pdf')", "pdf"),  # and so does what came first
+        ("nonsense", "", ""),  # unknown, but nothing is drawn on a screen
+        ("svg", "", "svg"),  # still set for the user's figures
+        ("svg", "import matplotlib; matplotlib.use('pdf')", "pdf"),  # an earlier choice wins
     ],
 )
-def test_any_mplbackend_will_do(backend, before, then):
+def test_any_mplbackend_works(backend, before, then):
     code = f"""{before}
 import gbdqn_ref.watch, os, sys, matplotlib
 assert "matplotlib.pyplot" not in sys.modules or {bool(before)}

@@ -1,6 +1,7 @@
-"""The protocol of the study: what it refuses, and how often it is wrong where nothing is there."""
+"""The protocol of the study: what it refuses, and its error rate and power by simulation."""
 
 import sys
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -38,7 +39,7 @@ def test_a_row_that_is_not_in_the_protocol_is_refused(protocol, values, message)
         protocol.check_rows([row(), row(seed=2001), row(**values)])
 
 
-def test_a_run_counts_once_and_an_arm_is_one_code(protocol):
+def test_a_run_counts_once_and_an_arm_has_one_version_of_the_code(protocol):
     with pytest.raises(UsageError, match="counted twice"):
         protocol.check_rows([row(), row(seed=2001), row()])
     with pytest.raises(UsageError, match="made by code b, not a"):
@@ -47,7 +48,7 @@ def test_a_run_counts_once_and_an_arm_is_one_code(protocol):
 
 
 @pytest.mark.parametrize(("purpose", "seed"), [("tune", 999), ("tune", 1020), ("explore", 200)])
-def test_seeds_are_for_one_purpose(protocol, purpose, seed):
+def test_each_seed_serves_one_purpose(protocol, purpose, seed):
     with pytest.raises(UsageError, match=f"seeds to {purpose} are"):
         protocol.config("acrobot", "dqn", seed, purpose)
 
@@ -60,7 +61,7 @@ def test_seeds_are_for_one_purpose(protocol, purpose, seed):
         ('id = "H2"', 'id = "H1"', "each once"),
     ],
 )
-def test_a_protocol_that_names_what_it_has_not_is_refused(tmp_path, old, new, message):
+def test_a_protocol_with_an_unknown_name_is_refused(tmp_path, old, new, message):
     text = FILE.read_text(encoding="utf-8")
     assert old in text
     (tmp_path / "protocol.toml").write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -68,46 +69,44 @@ def test_a_protocol_that_names_what_it_has_not_is_refused(tmp_path, old, new, me
         Protocol(tmp_path / "protocol.toml")
 
 
-def test_the_looks_add_up_to_the_reported_seeds(protocol):
+def test_the_reported_seeds_suffice_for_the_looks_and_seed_ranges_are_disjoint(protocol):
     low, high = protocol.seeds["report"]
     assert max(protocol.looks["seeds"]) <= high - low + 1
     ranges = sorted(map(tuple, protocol.seeds.values()))
     assert all(before[1] < after[0] for before, after in pairwise(ranges))
 
 
-def test_each_arm_is_what_its_settings_say(protocol):
+def test_each_arm_has_its_settings(protocol):
     told = protocol.config("acrobot", "reuse-told", 2000).resolved()
-    assert (told.agent, told.drift_signal, told.keep_data, told.alpha) == (
-        "gbdqn-reuse", "schedule", 0.0, 1.0,
-    )  # fmt: skip
+    assert (told.agent, told.drift_signal) == ("gbdqn-reuse", "schedule")
+    assert (told.keep_data, told.alpha) == (0.0, 1.0)
     twin = protocol.config("acrobot", "twin", 2000).resolved()
     assert (twin.warm_start, twin.zero_output, twin.keep_adam) == (True, False, True)
     dqn = protocol.config("mountaincar", "dqn", 2000, lr=0.5).resolved()
     assert (dqn.lr, dqn.keep_data, dqn.replay) == (0.5, 1.0, "proportional")
     plain = protocol.config("mountaincar", "plasticity", 2000, alpha=0.5).resolved()
-    assert plain.alpha == 1.0, "what defines an arm is not tuned away"
+    assert plain.alpha == 1.0, "tuning does not change a setting that defines an arm"
 
 
-def test_random_alarms_are_as_many_as_the_drifts_and_come_after_the_first(protocol):
+def test_there_are_as_many_random_alarms_as_drifts_and_none_before_the_first(protocol):
     config = protocol.config("acrobot", "dqn", 2003)
     alarms = random_alarms(config)
-    assert len(alarms) == 5 == len(set(alarms)) and alarms == sorted(alarms) == random_alarms(
-        config
-    )
+    assert len(alarms) == len(set(alarms)) == 5
+    assert alarms == sorted(alarms) == random_alarms(config)
     assert min(alarms) >= 150 and max(alarms) < 650
     other = random_alarms(protocol.config("acrobot", "dqn", 2004))
     assert other != alarms
     assert protocol.config("acrobot", "dqn-random", 2003).drift_signal == alarms
 
 
-def test_the_primary_metric_begins_with_the_first_event(protocol):
+def test_the_primary_metric_starts_at_the_first_event(protocol):
     config = protocol.config("acrobot", "dqn", 2000)
     records = [{"return": -500.0 if k < 150 else -100.0} for k in range(650)]
     assert primary(records, config) == -100.0
 
 
-def test_every_method_is_tuned_alike(protocol):
-    """As many settings, the preset's own value in the middle of each range."""
+def test_every_method_gets_the_same_tuning_budget(protocol):
+    """Equally many settings, with the preset's value in the middle of each range."""
     methods = protocol.content["tuning"]["methods"]
     arms = [arm for method in methods.values() for arm in method["arms"]]
     assert sorted(arms) == sorted(protocol.arms), "each arm is tuned by one method"
@@ -125,11 +124,11 @@ def test_factors_become_settings(protocol):
     assert values == dict(lr=0.002, window=2500, epsilon_restart=0.1)
 
 
-# --- its level and its power, on simulated studies ------------------------------------------------
+# --- its level and power in simulated studies -----------------------------------------------------
 
 
 def simulated(protocol, effect, rng):
-    """{(task, arm): returns of 40 seeds}: the boosting agents are ahead by the effect."""
+    """{(task, arm): returns of 40 seeds}; the reuse agents are better by the effect."""
     arms = {
         (task, arm)
         for each in protocol.hypotheses
@@ -142,8 +141,8 @@ def simulated(protocol, effect, rng):
     }
 
 
-def test_a_study_in_which_nothing_is_true_rarely_says_that_something_is(monkeypatch):
-    """Every arm alike and every margin 0: at most 5 % of the studies decide a hypothesis."""
+def test_a_study_without_effects_rarely_finds_one(monkeypatch):
+    """With equal arms and margin 0 at most 5 % of the studies decide a hypothesis."""
     quick(monkeypatch)
     null, rng, studies = Protocol(), np.random.default_rng(0), 120
     null.hypotheses = [each | {"margin": 0.0} for each in null.hypotheses]
@@ -154,7 +153,7 @@ def test_a_study_in_which_nothing_is_true_rarely_says_that_something_is(monkeypa
 
 
 def test_a_large_effect_is_found_at_the_first_look(protocol, monkeypatch):
-    """A lead of 30 is 20 beyond the largest margin, twice the spread of a paired difference."""
+    """30 exceeds the largest margin by 20, twice the spread of a paired difference."""
     quick(monkeypatch)
     rng = np.random.default_rng(1)
     looks = [protocol.decisions(simulated(protocol, 30.0, rng), rng) for _ in range(5)]
@@ -162,8 +161,5 @@ def test_a_large_effect_is_found_at_the_first_look(protocol, monkeypatch):
 
 
 def quick(monkeypatch):
-    """Fewer sign flips, enough for the smallest p that a look can ask for."""
-    flips = stats.sign_flip_test
-    monkeypatch.setattr(
-        stats, "sign_flip_test", lambda x, rng, margin: flips(x, rng, margin, flips=1500)
-    )
+    """Make fewer sign flips, enough for the smallest p that a look needs."""
+    monkeypatch.setattr(stats, "sign_flip_test", partial(stats.sign_flip_test, flips=1500))

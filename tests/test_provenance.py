@@ -1,4 +1,4 @@
-"""What decides a run is told apart from what does not: versions, code, the machine's arithmetic."""
+"""Which changes of versions, code and arithmetic count as another run, and which do not."""
 
 import ast
 
@@ -21,7 +21,7 @@ def code(agent="dqn", **settings):
 
 
 def changed(before, now):
-    """The names of what has changed."""
+    """The names of the changes."""
     return [line.split()[0] for line in provenance.changes(before, now)]
 
 
@@ -36,14 +36,14 @@ def changed(before, now):
         ("random", DQN | {"baselines"}),
     ],
 )
-def test_the_code_of_a_run_is_what_its_agent_and_the_loop_are_made_of(agent, modules):
+def test_the_code_of_a_run_covers_its_agent_and_the_loop(agent, modules):
     assert set(code(agent)) == modules
 
 
 @every_module
 def test_formatting_comments_and_docstrings_change_nothing(name):
     source = provenance.SOURCES[name]
-    plain = ast.unparse(ast.parse(source)).encode()  # without comments, and formatted anew
+    plain = ast.unparse(ast.parse(source)).encode()  # without comments and reformatted
     windows = source.replace(b"\n", b"\r\n")
     documented = b'"""Another docstring."""\n' + plain + b"  # and a comment\n"
     assert plain != source
@@ -62,16 +62,16 @@ def test_formatting_comments_and_docstrings_change_nothing(name):
         b"def f(x): return 'x + 1'",
     ],
 )
-def test_what_the_code_does_changes_the_fingerprint(other):
+def test_changed_behaviour_changes_the_fingerprint(other):
     assert provenance.fingerprint(other) != provenance.fingerprint(b"def f(x): return x + 1")
 
 
-def test_a_text_that_is_used_is_no_docstring():
+def test_a_returned_string_is_not_taken_for_a_docstring():
     first, second = (f"def f():\n    return {word!r}".encode() for word in ("uniform", "recency"))
     assert provenance.fingerprint(first) != provenance.fingerprint(second)
 
 
-def test_another_source_is_another_code(monkeypatch):
+def test_a_changed_source_is_other_code(monkeypatch):
     before = code()
     monkeypatch.setitem(provenance.SOURCES, "optim", provenance.SOURCES["optim"] + b"x = 1\n")
     assert {name for name in before if code()[name] != before[name]} == {"optim"}
@@ -86,7 +86,7 @@ def test_the_looks_of_an_agent_do_not_decide_its_runs_and_its_class_does(monkeyp
     assert code()["agent"] == "GBDQN" != before["agent"]
 
 
-def test_a_schedule_counts_as_what_it_resolves_to():
+def test_a_schedule_is_compared_after_it_is_resolved():
     schedule = [{"episode": 3, "gravity": 2.0}]
     written_out = [{"episode": 3, "gravity": 2, "length": 1.0}, {"episode": 99, "reset": True}]
     settings = SMALL | {"schedule": schedule}
@@ -95,7 +95,7 @@ def test_a_schedule_counts_as_what_it_resolves_to():
     assert code(**settings)["schedule"] != code(**later)["schedule"]
 
 
-def test_the_kernels_are_a_matter_of_bits(monkeypatch):
+def test_the_kernels_fingerprint_notices_the_last_bit(monkeypatch):
     before = provenance.kernels()
     assert provenance.kernels() == before
     exp = np.exp
@@ -103,7 +103,7 @@ def test_the_kernels_are_a_matter_of_bits(monkeypatch):
     assert provenance.kernels() != before
 
 
-def test_the_changes_are_told_old_and_new():
+def test_changes_are_listed_with_old_and_new_values():
     now = provenance.of(Config())
     assert provenance.changes(now, now) == []
     before = {kind: dict(values) for kind, values in now.items()}

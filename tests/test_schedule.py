@@ -1,4 +1,4 @@
-"""The schedule of regimes: resolved once, and refused in one line where it makes no sense."""
+"""The schedule of regimes: resolved once, and refused in one line if malformed."""
 
 import inspect
 
@@ -11,11 +11,7 @@ from gbdqn_ref.schedule import FACTORS, LABELS, Regime, describe, regimes, stock
 
 STOCK = {"gravity": 1.0, "force": 1.0}
 REVERSED, HEAVY = STOCK | {"force": -1.0}, STOCK | {"gravity": 2.0}
-THREE = [
-    {"episode": 5, "force": -1.0},
-    {"episode": 8, "gravity": 2},
-    {"episode": 9, "reset": True},
-]
+THREE = [{"episode": 5, "force": -1.0}, {"episode": 8, "gravity": 2}, {"episode": 9, "reset": True}]
 
 
 def test_regimes_follow_one_another_without_gaps():
@@ -34,22 +30,18 @@ def test_regimes_are_cut_off_at_the_end_of_the_run(episodes, ends):
     assert [regime.end for regime in regimes("mountaincar", THREE, episodes)] == ends
 
 
-def test_an_entry_at_0_takes_the_place_of_the_stock_regime():
+def test_an_entry_at_0_replaces_the_stock_regime():
     found = regimes("mountaincar", [{"episode": 0, "force": -1.0}], 3)
     assert found == (Regime(0, 3, REVERSED, "drift"),)
     assert regimes("mountaincar", [], 3) == (Regime(0, 3, STOCK, None),)
 
 
-def test_a_regime_knows_whether_its_physics_are_the_stock_ones():
-    assert [regime.drifted for regime in regimes("mountaincar", THREE, 12)] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+def test_drifted_says_whether_a_regimes_physics_differ_from_stock():
+    drifted = [regime.drifted for regime in regimes("mountaincar", THREE, 12)]
+    assert drifted == [False, True, True, False]
 
 
-def test_numpys_numbers_will_do():
+def test_numpy_numbers_are_accepted():
     entry = {"episode": np.int64(5), "force": np.float32(-0.5), "gravity": np.float64(2.0)}
     (_, drifted) = regimes("mountaincar", [entry], 9)
     assert drifted == Regime(5, 9, {"gravity": 2.0, "force": -0.5}, "drift")
@@ -57,7 +49,7 @@ def test_numpys_numbers_will_do():
 
 
 @pytest.mark.parametrize("env", FACTORS)
-def test_each_factor_is_an_argument_of_the_setter_of_its_environment(env):
+def test_each_factor_is_an_argument_of_its_environments_setter(env):
     _, setter = drift.ENVIRONMENTS[env]
     assert [*inspect.signature(setter).parameters][1:] == [*FACTORS[env]] == [*stock(env)]
     assert set(FACTORS) == set(drift.ENVIRONMENTS) == set(LABELS)
@@ -81,9 +73,9 @@ MALFORMED = {
     "a word": ("drift", "must be a list"),
     "a list of numbers": ([150, 250], "a schedule entry must be like"),
     "no episode": ([{"gravity": 2.0}], "'episode'"),
-    "a negative episode": ([{"episode": -1, "gravity": 2.0}], "from 0 on"),
-    "half an episode": ([{"episode": 1.5, "gravity": 2.0}], "a whole number"),
-    "an episode that is true": ([{"episode": True, "gravity": 2.0}], "a whole number"),
+    "a negative episode": ([{"episode": -1, "gravity": 2.0}], "non-negative"),
+    "a fractional episode": ([{"episode": 1.5, "gravity": 2.0}], "non-negative whole number"),
+    "true as an episode": ([{"episode": True, "gravity": 2.0}], "non-negative whole number"),
     "decreasing episodes": (
         [{"episode": 5, "gravity": 2.0}, {"episode": 4, "reset": True}],
         "4 follows 5",
@@ -102,7 +94,7 @@ MALFORMED = {
         [{"episode": 1, "gravity": 0}],
         "'gravity' must be a number from 0.01 to 100, not 0",
     ),
-    "no push at all": (
+    "no push": (
         [{"episode": 1, "force": 0.0}],
         "'force' must be a number from 0.01 to 100, of either sign, not 0",
     ),
@@ -110,14 +102,14 @@ MALFORMED = {
         [{"episode": 1, "pole_mass": -1.0}],
         "'pole_mass' must be a number from 0.01 to 100",
     ),
-    "a factor that is no number": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
+    "a factor of NaN": ([{"episode": 1, "gravity": float("nan")}], "'gravity'.*nan"),
     "an infinite factor": ([{"episode": 1, "force": float("inf")}], "'force'.*inf"),
     "a factor too small": ([{"episode": 1, "force": -0.009}], "from 0.01 to 100.*-0.009"),
     "a factor too large": ([{"episode": 1, "gravity": 101}], "from 0.01 to 100, not 101"),
     "a factor too large for a float": ([{"episode": 1, "gravity": 10**400}], "'gravity'"),
-    "a factor in words": ([{"episode": 1, "gravity": "2"}], "'gravity'.*'2'"),
-    "a factor that is true": ([{"episode": 1, "gravity": True}], "'gravity'.*True"),
-    "a factor that is missing": ([{"episode": 1, "gravity": None}], "'gravity'.*None"),
+    "a word for a factor": ([{"episode": 1, "gravity": "2"}], "'gravity'.*'2'"),
+    "true as a factor": ([{"episode": 1, "gravity": True}], "'gravity'.*True"),
+    "None as a factor": ([{"episode": 1, "gravity": None}], "'gravity'.*None"),
 }
 
 

@@ -1,15 +1,15 @@
-"""A signal to any process of a command stops all of it, soon and quietly, and it can go on."""
+"""A signal to any process of a command stops all its processes, and the command can continue."""
 
 import os
 import signal
 import subprocess
 import time
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
-from helpers import SMALL, command, contents, environ, flags
+from helpers import PATIENCE, SMALL, command, contents, environ, flags, wait_for
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads Linux's /proc")
 
@@ -21,13 +21,25 @@ COMMANDS = {
     "drift-effect": ["drift-effect", *START],
 }
 WITH_WORKERS = [name for name in COMMANDS if name != "train"]
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
+INT, TERM = signal.SIGINT, signal.SIGTERM
+TARGETS = [  # main() handles signals for every command; one of each kind hears both
+    ("train", "parent", INT),
+    ("train", "parent", TERM),
+    ("study", "parent", INT),
+    ("study", "parent", TERM),
+    ("study", "worker", INT),
+    ("study", "worker", TERM),
+    ("compare", "parent", TERM),
+    ("compare", "worker", INT),
+    ("drift-effect", "parent", INT),
+    ("drift-effect", "worker", TERM),
+]
 ENDLESS = flags(**SMALL | dict(episodes=1_000_000))
 SHORT = flags(**SMALL | dict(episodes=60))
 
 
 def started(name, out, *settings):
-    """The command at work in a folder, in a process group of its own."""
+    """Start the command in its own process group."""
     return subprocess.Popen(
         command(*COMMANDS[name], *settings, "--out", out),
         env=environ(),
@@ -40,7 +52,7 @@ def started(name, out, *settings):
 
 @pytest.fixture
 def start():
-    """started(), for processes that do not outlive the test."""
+    """started(), but no process outlives the test."""
     processes = []
 
     def begin(*arguments):
@@ -55,7 +67,7 @@ def start():
 
 @pytest.fixture(scope="module")
 def left_alone(tmp_path_factory):
-    """What a short command writes that no signal disturbs."""
+    """The files of a short command without any signal."""
 
     @cache
     def files(name):
@@ -68,49 +80,43 @@ def left_alone(tmp_path_factory):
 
 
 def children(pid):
-    """The ids of the processes that a process has started, in the order of their age."""
+    """The ids of the processes that a process has started, in ascending order."""
     found = []
     for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             state, parent = (path / "stat").read_text().rpartition(")")[2].split()[:2]
-            if (
-                int(parent) == pid
-                and state != "Z"
-                and b"tracker" not in (path / "cmdline").read_bytes()
-            ):
+            if int(parent) == pid and state != "Z":
                 found.append(int(path.name))
     return sorted(found)
 
 
-def wait_for(condition):
-    latest = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < latest, "it takes too long"
-        time.sleep(0.01)
+def exist(pids):
+    """Those of the processes that have not ended."""
+    return [pid for pid in pids if Path(f"/proc/{pid}").exists()]
 
 
 def begun(out, episodes=3):
-    """The folders below in which a run has seen some episodes."""
+    """The folders in which a run has finished more than some episodes."""
     files = [*out.glob("episodes.csv"), *out.glob("*/episodes.csv")]
     return [path.parent for path in files if path.read_bytes().count(b"\n") > episodes]
 
 
 def stop(process, target, number):
-    """Send the signal to a process of the command; its status and stderr within two seconds."""
+    """Signal one process of the command; its exit status and stderr, within two seconds.
+
+    On a machine with more ready processes than cores it may take longer in proportion.
+    """
     workers = children(process.pid)
     os.kill(process.pid if target == "parent" else workers[0], number)
     sent = time.monotonic()
-    _, stderr = process.communicate(timeout=10)
-    assert time.monotonic() - sent < 2
-    assert not [pid for pid in workers if Path(f"/proc/{pid}").exists()], "a worker goes on"
+    _, stderr = process.communicate(timeout=PATIENCE)
+    crowd = max(1, os.getloadavg()[0] / os.cpu_count())
+    assert time.monotonic() - sent < 2 * crowd
+    assert not exist(workers), "a worker continues"
     return process.returncode, stderr
 
 
-@pytest.mark.parametrize("number", SIGNALS)
-@pytest.mark.parametrize(
-    ("name", "target"),
-    [(name, "parent") for name in COMMANDS] + [(name, "worker") for name in WITH_WORKERS],
-)
+@pytest.mark.parametrize(("name", "target", "number"), TARGETS)
 def test_a_signal_stops_every_process_with_one_line(tmp_path, start, name, target, number):
     process = start(name, tmp_path / "out", *ENDLESS)
     wait_for(lambda: begun(tmp_path / "out"))
@@ -122,28 +128,33 @@ def test_a_signal_stops_every_process_with_one_line(tmp_path, start, name, targe
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_that_was_stopped_goes_on_to_the_same_bytes(tmp_path, start, left_alone, name):
-    process = start(name, tmp_path / "stopped", *SHORT)
-    wait_for(lambda: begun(tmp_path / "stopped"))
-    assert stop(process, "parent", signal.SIGINT)[0] == 130
+    for attempt in "12345":  # on a loaded machine the signal may come after the end
+        out = tmp_path / attempt
+        process = start(name, out, *SHORT)
+        wait_for(partial(begun, out))
+        status, _ = stop(process, "parent", signal.SIGINT)
+        if status == 130:
+            break
+    assert status == 130
     more = ["--resume"] if name == "train" else []
-    assert start(name, tmp_path / "stopped", *SHORT, *more).communicate()[1] == ""
-    assert contents(tmp_path / "stopped") == left_alone(name)
+    assert start(name, out, *SHORT, *more).communicate(timeout=PATIENCE)[1] == ""
+    assert contents(out) == left_alone(name)
 
 
-def test_ctrl_c_which_every_process_hears_leaves_one_line(tmp_path, start):
+def test_ctrl_c_to_every_process_leaves_one_line(tmp_path, start):
     process = start("study", tmp_path / "out", *ENDLESS)
     wait_for(lambda: len(begun(tmp_path / "out")) == 2)
     os.killpg(process.pid, signal.SIGINT)
-    _, stderr = process.communicate(timeout=2)
+    _, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130 and stderr.count("\n") == 1
 
 
-def test_a_signal_in_the_first_moment_leaves_no_traceback(tmp_path, start):
+def test_a_signal_during_startup_leaves_no_traceback(tmp_path, start):
     process = start("study", tmp_path / "out", *ENDLESS)
-    wait_for(lambda: len(children(process.pid)) == 2)  # which are still importing
-    time.sleep(0.1)  # the second has been told what to train
+    wait_for(lambda: len(children(process.pid)) == 2)  # they are still importing
+    time.sleep(0.1)  # the second one has been given its task
     os.killpg(process.pid, signal.SIGINT)
-    _, stderr = process.communicate(timeout=2)
+    _, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130 and stderr.count("\n") == 1
 
 
@@ -151,8 +162,9 @@ def test_a_signal_in_the_first_moment_leaves_no_traceback(tmp_path, start):
 def test_a_killed_worker_costs_one_retry(tmp_path, start, left_alone, name):
     process = start(name, tmp_path / "killed", *SHORT)
     wait_for(lambda: begun(tmp_path / "killed"))
-    os.kill(children(process.pid)[0], signal.SIGKILL)
-    assert process.communicate(timeout=60)[1] == "" and process.returncode == 0
+    with suppress(IndexError, ProcessLookupError):  # all workers may have ended by now
+        os.kill(children(process.pid)[0], signal.SIGKILL)
+    assert process.communicate(timeout=PATIENCE)[1] == "" and process.returncode == 0
     assert contents(tmp_path / "killed") == left_alone(name)
 
 
@@ -164,7 +176,7 @@ def test_a_run_whose_worker_is_killed_twice_fails(tmp_path, start):
     os.kill(first[0], signal.SIGKILL)
     wait_for(lambda: children(process.pid) not in (first, []))
     os.kill(children(process.pid)[0], signal.SIGKILL)
-    _, stderr = process.communicate(timeout=10)
+    _, stderr = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert stderr == "gbdqn_ref: dqn failed: its process ended with status -9\n"
 
@@ -175,4 +187,4 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path, start):
     workers = children(process.pid)
     process.kill()
     process.wait()
-    wait_for(lambda: not [pid for pid in workers if Path(f"/proc/{pid}").exists()])
+    wait_for(lambda: not exist(workers))

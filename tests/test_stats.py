@@ -1,4 +1,4 @@
-"""Worked examples, small enough to be done by hand."""
+"""Statistics of runs, on examples small enough to compute by hand."""
 
 import re
 from itertools import product
@@ -33,14 +33,13 @@ runs = st.lists(reals(), min_size=1, max_size=9).map(np.array)
 
 
 def records(*regimes):
-    """The records of a run: (return of each episode) per regime."""
+    """The records of a run, given the returns of each regime's episodes."""
     rows = []
     for regime, returns in enumerate(regimes):
         for i, r in enumerate(returns):
             event = "drift" if regime and not i else ""
-            rows.append(
-                {"episode": len(rows), "regime": regime, "event": event, "return": float(r)}
-            )
+            row = {"regime": regime, "event": event, "return": float(r)}
+            rows.append(row | {"episode": len(rows)})
     return rows
 
 
@@ -48,21 +47,21 @@ def test_the_final_return_is_the_mean_of_the_last_50_episodes():
     assert final_return([1000.0] * 550 + [2.0] * 25 + [4.0] * 25) == 3.0
 
 
-def test_the_final_return_of_a_short_run_is_the_mean_of_all_of_it():
+def test_the_final_return_of_a_short_run_is_the_mean_of_all_its_episodes():
     assert final_return([1.0, 2.0, 6.0]) == 3.0
 
 
-def test_the_final_return_is_a_plain_float():
+def test_the_final_return_is_a_python_float():
     assert type(final_return([1.0])) is float
 
 
-def test_a_trailing_mean_looks_back_only():
+def test_a_trailing_mean_only_looks_back():
     assert trailing_mean(np.array([0.0, 0.0, 3.0, 6.0]), 3).tolist() == [1.0, 3.0]
     assert trailing_mean(np.array([4.0, 2.0]), 1).tolist() == [4.0, 2.0]
 
 
 @pytest.mark.parametrize("n", [0, 1, 4])
-def test_a_trailing_mean_of_too_little_is_empty(n):
+def test_a_trailing_mean_of_too_few_values_is_empty(n):
     assert trailing_mean(np.ones(n), 5).shape == (0,)
     assert trailing_mean(np.ones(5), 5).shape == (1,)
 
@@ -70,7 +69,7 @@ def test_a_trailing_mean_of_too_little_is_empty(n):
 @pytest.mark.parametrize(
     ("levels", "episodes"),
     [
-        ([1.0] * 10, 10),  # the first mean of 10 there is
+        ([1.0] * 10, 10),  # the first possible mean of 10
         ([0.91] * 10, 10),
         ([0.0] * 10 + [1.0] * 20, 19),  # nine ones and a zero among the last ten: exactly 0.9
         ([0.0] + [1.0] * 9, 10),
@@ -85,7 +84,7 @@ def test_recovery_is_the_episode_at_which_the_mean_of_10_is_first_at_90_percent(
 @pytest.mark.parametrize(
     "levels", [[0.89] * 300, [0.0] * 10, [0.0, 1.0] * 50, [-5.0] * 40 + [1.0] * 8]
 )
-def test_recovery_that_never_comes_is_none(levels):
+def test_a_recovery_that_never_comes_is_none(levels):
     assert recovery(levels) is None
 
 
@@ -94,61 +93,40 @@ def test_fewer_than_10_episodes_do_not_show_a_recovery(levels):
     assert recovery(levels) is None
 
 
-def test_recovery_means_a_mean_not_one_good_episode():
+def test_one_good_episode_is_no_recovery():
     assert recovery([0.0] * 5 + [1.0] + [0.0] * 30) is None
 
 
-def test_the_table_of_one_regime_has_neither_drop_nor_recovery():
-    assert regime_table(records([10, 20]), 0.0) == [
-        dict(
-            regime=0,
-            first_episode=0,
-            episodes=2,
-            event="",
-            mean_return=15.0,
-            drop=None,
-            recovery=None,
-            area=None,
-        )
-    ]
+def test_a_single_regime_has_neither_drop_nor_recovery():
+    place = dict(regime=0, first_episode=0, episodes=2, event="")
+    undefined = dict(drop=None, recovery=None, area=None)
+    assert regime_table(records([10, 20]), 0.0) == [place | dict(mean_return=15.0) | undefined]
 
 
-def test_the_table_of_a_drop_and_a_recovery():
-    # the 20 before the drift have mean 100, the random policy 20: 60 is level 0.5, 92 is 0.9
+def test_a_drop_and_a_recovery_by_hand():
+    """The last 20 before the drift have mean 100, the random policy 20: 60 is level 0.5.
+
+    Level 0.9 is 92 = (2 · 60 + 8 · 100) / 10, which the first 28 episodes reach.
+    """
     table = regime_table(records([0] * 5 + [100] * 20, [60] * 20 + [100] * 20), 20.0)
-    assert table[1] == dict(
-        regime=1,
-        first_episode=25,
-        episodes=40,
-        event="drift",
-        mean_return=80.0,
-        drop=0.5,
-        recovery=28,
-        area=0.75,
-    )  # (2 · 60 + 8 · 100) / 10 = 92
+    place = dict(regime=1, first_episode=25, episodes=40, event="drift")
+    assert table[1] == place | dict(mean_return=80.0, drop=0.5, recovery=28, area=0.75)
 
 
 def test_a_run_of_two_regimes_worked_by_hand():
-    """No two of mean, median, minimum, first and last agree, and neither do 19, 20 and 21 episodes.
+    """Mean, median, minimum, first and last all differ, and so do 19, 20 and 21 episodes.
 
-    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. After the drift levels
-    1 (4 times), 0 (16), 2 (5): the first mean of 10 at 0.9 has five zeros and five twos.
+    Reference: 20 episodes of 9 and 11 in turn, mean 10; random policy 0. Levels after the drift:
+    1 (4 times), 0 (16), 2 (5); the first mean of 10 at 0.9 has five zeros and five twos.
     """
     rows = records([1000] * 5 + [9, 11] * 10, [10] * 4 + [0] * 16 + [20] * 5)
     for number, each in enumerate(rows):
         each["episode"] = 100 + number  # a run's later part
     first, second = regime_table(rows, 0.0)
     assert first["mean_return"] == 208.0 and first["first_episode"] == 100  # (5000 + 200) / 25
-    assert second == dict(
-        regime=1,
-        first_episode=125,
-        episodes=25,
-        event="drift",
-        mean_return=5.6,  # (4 · 10 + 5 · 20) / 25
-        drop=0.8,  # 1 − 4 / 20
-        recovery=25,
-        area=pytest.approx(0.56),
-    )
+    place = dict(regime=1, first_episode=125, episodes=25, event="drift")
+    levels = dict(drop=1 - 4 / 20, recovery=25, area=pytest.approx(0.56))
+    assert second == place | dict(mean_return=(4 * 10 + 5 * 20) / 25) | levels
     assert {type(value) for value in second.values()} == {int, float, str}  # JSON's own
 
 
@@ -157,7 +135,7 @@ def test_the_reference_is_the_last_20_episodes_before_the_drift():
     assert table[1]["drop"] == 0.5  # catches the mean of the whole regime, or the first 20
 
 
-def test_the_drop_is_that_of_the_first_20_episodes_after_the_drift():
+def test_the_drop_covers_the_first_20_episodes_after_the_drift():
     assert regime_table(records([100] * 20, [50] * 20 + [100] * 80), 0.0)[1]["drop"] == 0.5
 
 
@@ -166,22 +144,21 @@ def test_a_gain_is_a_negative_drop():
     assert (row["drop"], row["recovery"]) == (-0.5, 10)
 
 
-def test_a_level_is_counted_from_the_random_policy_where_returns_are_negative():
-    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[
-        1
-    ]  # −140 is (500 − 140) / 400 = 0.9 of the way
+def test_negative_returns_are_measured_from_the_random_policy():
+    """−140 is (500 − 140) / 400 = 0.9 of the way from −500 to −100."""
+    row = regime_table(records([-100] * 20, [-140] * 30), -500.0)[1]
     assert row["drop"] == pytest.approx(0.1)
     assert regime_table(records([-100] * 20, [-141] * 30), -500.0)[1]["recovery"] is None
     assert regime_table(records([-100] * 20, [-139] * 30), -500.0)[1]["recovery"] == 10
 
 
-def test_a_recovery_that_does_not_come_within_the_regime_is_censored():
+def test_a_recovery_after_the_end_of_the_regime_does_not_count():
     table = regime_table(records([100] * 20, [0] * 30, [100] * 30), 0.0)
     assert (table[1]["drop"], table[1]["recovery"]) == (1.0, None)
 
 
 @pytest.mark.parametrize("before", [20.0, 19.0, -3.0])
-def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_policy(before):
+def test_a_level_no_better_than_random_has_nothing_to_lose(before):
     row = regime_table(records([before] * 20, [100] * 30), 20.0)[1]
     assert (row["drop"], row["recovery"]) == (None, None)
 
@@ -189,10 +166,10 @@ def test_there_is_nothing_to_lose_where_the_level_before_was_that_of_the_random_
 def test_a_standard_error_by_hand():
     assert standard_error([1.0, 2.0, 3.0]) == pytest.approx(1 / 3**0.5)  # √((1 + 0 + 1) / 2) / √3
     assert standard_error([4.0, 4.0]) == 0.0
-    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; with n it would be 1 / √2
+    assert standard_error([0.0, 2.0]) == pytest.approx(1.0)  # √2 / √2; dividing by n gives 1 / √2
 
 
-def test_of_one_episode_no_standard_error_is_known():
+def test_a_single_episode_has_an_infinite_standard_error():
     assert standard_error([7.0]) == np.inf
 
 
@@ -205,12 +182,12 @@ def test_a_gain_is_more_than_two_standard_errors_above_the_random_policy(random,
 
 
 def test_a_single_episode_before_a_drift_shows_no_gain():
-    """One good episode of an untrained agent: its drop would be −227 % or anything else."""
+    """A single episode of an untrained agent may be lucky; any drop would be meaningless."""
     row = regime_table(records([40], [100] * 30), 20.0)[1]
     assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
 
 
-def test_what_is_within_two_standard_errors_of_random_cannot_be_lost():
+def test_a_level_within_two_standard_errors_of_random_has_nothing_to_lose():
     """1, 2, 3 is 2 ± 0.58, so it is not above 1 by two standard errors."""
     row = regime_table(records([1, 2, 3], [1] * 30), 1.0)[1]
     assert (row["drop"], row["recovery"], row["area"]) == (None, None, None)
@@ -222,25 +199,23 @@ def test_each_regime_is_compared_with_the_one_just_before_it():
     assert [row["drop"] for row in table] == [None, 0.5, 0.5]
 
 
-def test_a_short_regime_is_compared_with_what_there_is_before_it():
+def test_a_short_regime_is_compared_with_all_earlier_episodes_available():
     table = regime_table(records([10] * 4, [5] * 3, [6] * 2), 0.0)
     assert [row["episodes"] for row in table] == [4, 3, 2]
     assert table[1]["drop"] == 0.5
-    # the last regime's reference reaches back over two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
+    # the last regime's reference covers two regimes: (4 · 10 + 3 · 5) / 7 = 55/7
     assert table[2]["drop"] == pytest.approx(1 - 6 / (55 / 7))
 
 
-def test_the_table_says_where_each_regime_begins_and_by_which_event():
+def test_the_table_gives_each_regimes_first_episode_and_event():
     rows = records([1] * 3, [1] * 4, [1] * 5)
     rows[7]["event"] = "reset"
-    table = regime_table(rows, 0.0)
-    assert [(row["regime"], row["first_episode"], row["event"]) for row in table] == [
-        (0, 0, ""), (1, 3, "drift"), (2, 7, "reset")
-    ]  # fmt: skip
+    found = [(row["first_episode"], row["event"]) for row in regime_table(rows, 0.0)]
+    assert found == [(0, ""), (3, "drift"), (7, "reset")]
 
 
 def test_the_area_of_a_regime_is_its_mean_level():
-    """Reference 100, random policy 0: 20 episodes of 50 and 20 of 100 have level 0.75."""
+    """With reference 100 and random policy 0, 20 episodes of 50 and 20 of 100 give 0.75."""
     rows = regime_table(records([100] * 20, [50] * 20 + [100] * 20), 0.0)
     assert (rows[0]["area"], rows[1]["area"]) == (None, 0.75)
 
@@ -250,7 +225,7 @@ def test_the_area_of_a_regime_is_its_mean_level():
     [
         ([0, 1, 2, 3, 100], 2),  # (0.15 · 1 + 0.2 · 2 + 0.15 · 3) · 2
         ([4, 0, 0, 4, 9], 2.8),  # sorted 0 0 4 4 9: (0.15 · 0 + 0.2 · 4 + 0.15 · 4) · 2
-        ([1, 2, 6, 100], 4),  # the second and the third, whole
+        ([1, 2, 6, 100], 4),  # all of the second and the third
         ([7], 7),
         ([1, 5], 3),
         ([0, 3, 9], 3.5),  # thirds: (1/3 − 1/4) · 0 + 1/3 · 3 + (3/4 − 2/3) · 9, twice
@@ -274,7 +249,7 @@ def test_the_interquartile_mean_is_taken_along_an_axis():
 
 
 @given(runs, rngs())
-def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
+def test_an_interval_lies_within_the_values_and_depends_only_on_its_seed(x, rng):
     state = rng.bit_generator.state
     low, high = bootstrap_interval(x, rng, resamples=50)
     assert x.min() - 1e-9 <= low <= high <= x.max() + 1e-9
@@ -283,7 +258,7 @@ def test_an_interval_lies_within_the_values_and_is_that_of_its_seed(x, rng):
 
 
 def test_an_interval_of_two_values_by_hand():
-    """Of (0, 1) a resample's mean is 0, ½ or 1, with probabilities ¼, ½, ¼."""
+    """A resample of (0, 1) has mean 0, ½ or 1, with probabilities ¼, ½, ¼."""
     rng = np.random.default_rng(0)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.4) == (0.5, 0.5)
     assert bootstrap_interval([0.0, 1.0], rng, np.mean, level=0.6) == (0.0, 1.0)
@@ -303,7 +278,7 @@ def test_an_interval_of_two_values_by_hand():
         lambda: paired_difference([], [], np.random.default_rng(0)),
     ],
 )
-def test_nothing_has_no_average(ask):
+def test_an_average_of_no_values_is_refused(ask):
     with pytest.raises(UsageError, match=r"^at least one value is needed$"):
         ask()
 
@@ -311,14 +286,14 @@ def test_nothing_has_no_average(ask):
 @pytest.mark.parametrize(
     ("x", "y"), [([1, 2], [1]), ([1], [1, 2]), ([[1, 2]], [1, 2]), (3, [1]), (3, 1)]
 )
-def test_results_that_are_no_pairs_are_refused_instead_of_broadcast(x, y):
+def test_unpaired_results_are_refused_and_not_broadcast(x, y):
     shapes = re.escape(f"not {np.shape(x)} and {np.shape(y)}")
     with pytest.raises(UsageError, match=f"one result per seed from both, {shapes}"):
         paired_difference(x, y, np.random.default_rng(0))
 
 
 def test_an_interval_ends_at_the_percentiles_of_all_resamples():
-    """2.5 and 97.5 % of the interquartile means of all 5⁵ resamples, each to one percent."""
+    """2.5 and 97.5 % of the IQMs of all 5⁵ resamples, each to within one percent."""
     values = [0.0, 1.0, 3.0, 7.0, 20.0]
     every = np.array([iqm(resample) for resample in product(values, repeat=5)])
     ends = bootstrap_interval(values, np.random.default_rng(0), resamples=3000)
@@ -328,7 +303,7 @@ def test_an_interval_ends_at_the_percentiles_of_all_resamples():
 
 
 def test_an_interval_leaves_two_and_a_half_percent_on_either_side():
-    """Of (0, 0, 1) the mean is 1 in 1/27 = 3.7 % of the resamples: within 95 %, not within 90 %."""
+    """(0, 0, 1): the mean is 1 in 1/27 = 3.7 % of the resamples, inside 95 %, outside 90 %."""
     assert bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean) == (0.0, 1.0)
     low, high = bootstrap_interval([0, 0, 1], np.random.default_rng(0), np.mean, level=0.9)
     assert (low, high) == (0.0, pytest.approx(2 / 3))
@@ -338,29 +313,25 @@ STATED = re.findall(r"(\d+\.\d) % with\s+(\d+)", bootstrap_interval.__doc__)
 
 
 @pytest.mark.parametrize(
-    ("statistic", "stated", "n"),
-    [
-        (statistic, float(percent), int(n))
-        for statistic, (percent, n) in zip((iqm, iqm, iqm, np.mean), STATED, strict=True)
-    ],
+    ("statistic", "stated"), [*zip((iqm, iqm, iqm, np.mean), STATED, strict=True)]
 )
-def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated, n):
-    """Of 4000 samples of a normal distribution, whose mean and IQM are 0."""
-    rng = np.random.default_rng(0)
+def test_an_interval_covers_the_truth_as_often_as_its_docstring_says(statistic, stated):
+    """For 4000 samples of a normal distribution, whose mean and IQM are 0."""
+    rng, stated, n = np.random.default_rng(0), float(stated[0]), int(stated[1])
     intervals = [bootstrap_interval(rng.normal(size=n), rng, statistic) for _ in range(4000)]
     covered = 100 * np.mean([low <= 0 <= high for low, high in intervals])
     assert covered == pytest.approx(stated, abs=3 * np.sqrt(stated * (100 - stated) / 4000))
 
 
-def test_environments_are_resampled_by_themselves():
-    """Runs that agree within each environment leave no spread, however far these are apart."""
+def test_each_environment_is_resampled_separately():
+    """Runs that agree within each environment have no spread, however much these differ."""
     x = np.array([[1.0] * 5, [9.0] * 5])
     assert bootstrap_interval(x, np.random.default_rng(0)) == (5.0, 5.0)
     assert bootstrap_interval(x.ravel(), np.random.default_rng(0)) != (5.0, 5.0)
 
 
 @given(runs, rngs())
-def test_a_paired_difference_changes_its_sign_with_its_order(x, rng):
+def test_swapping_the_pair_changes_the_sign_of_the_difference(x, rng):
     y, state = x[::-1].copy(), rng.bit_generator.state
     middle, low, high = paired_difference(x, y, rng, resamples=200)
     rng.bit_generator.state = state
@@ -368,13 +339,13 @@ def test_a_paired_difference_changes_its_sign_with_its_order(x, rng):
     np.testing.assert_allclose(back, (-middle, -high, -low), atol=1e-9)
 
 
-def test_pairing_takes_out_what_the_seeds_share():
+def test_pairing_removes_variation_shared_by_the_seeds():
     seeds = np.array([0.0, 100.0, 200.0, 300.0, 400.0])
     assert paired_difference(seeds + 1, seeds, np.random.default_rng(0)) == (1.0, 1.0, 1.0)
 
 
 def test_a_paired_difference_by_hand():
-    """Differences 1, 2, −7, 10, whose middle half is 1 and 2; the two IQMs differ by 2.5."""
+    """The differences 1, 2, −7, 10 have the middle half 1 and 2; the two IQMs differ by 2.5."""
     x, y = [1.0, 2.0, 3.0, 10.0], [0.0, 0.0, 10.0, 0.0]
     middle, low, high = paired_difference(x, y, np.random.default_rng(0), resamples=1)
     assert middle == 1.5 and low == high  # of one resample
@@ -388,14 +359,8 @@ def test_mean_and_std_by_hand():
 
 @pytest.mark.parametrize(
     ("times", "median"),
-    [
-        ([10, 30, 20], 20),
-        ([10, None, 20], 20),
-        ([None, 10, None], None),
-        ([10, 20], 15),
-        ([10, None], None),
-        ([9], 9),
-    ],
+    [([10, 30, 20], 20), ([10, None, 20], 20), ([None, 10, None], None)]
+    + [([10, 20], 15), ([10, None], None), ([9], 9)],
 )
 def test_a_recovery_that_never_came_counts_as_the_latest(times, median):
     assert median_recovery(times) == median
@@ -405,7 +370,7 @@ def row(drop, recovery, area):
     return {"drop": drop, "recovery": recovery, "area": area}
 
 
-def test_medians_are_of_the_runs_in_which_there_was_something_to_lose():
+def test_medians_use_only_runs_with_something_to_lose():
     rows = [row(0.5, 40, 0.9), row(None, None, None), row(0.7, None, 0.1), row(0.1, 10, 0.4)]
     assert regime_medians(rows) == {"recovery": 40, "area": 0.4, "undefined": 1}
 
@@ -415,13 +380,13 @@ def test_a_regime_that_most_runs_never_recover_from_has_an_area_but_no_recovery(
     assert regime_medians(rows) == {"recovery": None, "area": 0.5, "undefined": 0}
 
 
-def test_where_no_run_had_anything_to_lose_the_medians_are_undefined():
+def test_without_runs_that_had_something_to_lose_medians_are_undefined():
     rows = [row(None, None, None)] * 3
     assert regime_medians(rows) == {"recovery": None, "area": None, "undefined": 3}
 
 
-def test_forgetting_is_what_was_best_less_what_is_left():
-    """Regime 0 falls from 90 to 60; regime 1 ends at its best since it was met."""
+def test_forgetting_is_the_best_evaluation_minus_the_last():
+    """Regime 0 falls from 90 to 60; regime 1 ends at its best."""
     assert forgetting([[80, 99, 0], [90, 50, 0], [60, 70, 40]]) == [30.0, 0.0]
 
 
@@ -450,14 +415,14 @@ def test_alarms_are_matched_with_drifts(alarms, drifts, expected):
 
 
 def test_a_sign_flip_test_enumerates():
-    """Of the 16 flips of (1, 2, 3, 4) one mean is as large as theirs."""
+    """Of the 16 sign flips of (1, 2, 3, 4) only one has as large a mean."""
     p = sign_flip_test([1, 2, 3, 4], np.random.default_rng(0), statistic=np.mean, flips=40_000)
     assert p == pytest.approx(1 / 16, abs=0.005)
     p = sign_flip_test([-1, -2, -3, -4], np.random.default_rng(0), statistic=np.mean)
     assert p == 1.0
 
 
-def test_a_margin_has_to_be_exceeded():
+def test_the_test_asks_for_more_than_the_margin():
     x = [11.0, 12.0, 13.0, 9.5, 14.0, 12.5, 11.5, 13.5]
     ps = [sign_flip_test(x, np.random.default_rng(0), margin) for margin in (0.0, 12.0, 13.0)]
     assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]

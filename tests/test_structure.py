@@ -1,4 +1,4 @@
-"""Promises about the code: its size, the direction of its imports, its words, its deviations."""
+"""Rules for the code: its size, its imports, its docstrings, its listed deviations."""
 
 import ast
 import re
@@ -31,7 +31,7 @@ def is_docstring(node):
 
 
 def statements(tree):
-    """How many statements a tree has inside, docstrings not counted."""
+    """How many statements a tree contains, without docstrings."""
     inside = (node for node in ast.walk(tree) if node is not tree)
     return sum(isinstance(node, ast.stmt) and not is_docstring(node) for node in inside)
 
@@ -48,7 +48,7 @@ def imports(tree):
 
 
 def reached(name):
-    """The modules of ours that importing this one imports, and itself."""
+    """The module and all modules of the package that it imports, directly or not."""
     found, new = set(), {name}
     while new:
         found |= new
@@ -62,13 +62,13 @@ def test_the_reading_order_names_every_module():
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_imports_go_against_the_reading_order_only(name):
+def test_modules_import_only_earlier_ones_in_the_reading_order(name):
     ours = {module for module, local in imports(TREES[name]) if local and module in TREES}
     assert all(MODULES.index(module) < MODULES.index(name) for module in ours)
 
 
 @pytest.mark.parametrize("name", sorted(NUMPY_ONLY))
-def test_the_learning_core_needs_numpy_alone(name):
+def test_the_learning_core_needs_only_numpy(name):
     trees = [TREES[module] for module in reached(name)]
     foreign = {module for tree in trees for module, local in imports(tree) if not local}
     assert foreign - set(sys.stdlib_module_names) <= {"numpy"}
@@ -100,12 +100,12 @@ def test_half_of_the_functions_have_at_most_5_statements():
     assert median(statements(function.values[0]) for function in FUNCTIONS) <= 5
 
 
-def test_the_functions_of_this_test_are_all_that_there_are():
+def test_these_tests_see_every_function():
     text = "".join(path.read_text() for path in PACKAGE.glob("*.py"))
     assert len(FUNCTIONS) == len(re.findall(r"^ *def \w", text, re.MULTILINE))
 
 
-def test_every_module_and_everything_public_in_it_says_what_it_does():
+def test_every_module_and_public_name_has_a_docstring():
     for name, tree in TREES.items():
         assert ast.get_docstring(tree), name
         for node in tree.body:
@@ -114,7 +114,7 @@ def test_every_module_and_everything_public_in_it_says_what_it_does():
 
 
 def test_nothing_is_called_done_and_nothing_is_pickled():
-    """A single flag for termination and truncation makes time limits look like failures."""
+    """One flag for both termination and truncation would treat time limits as failures."""
     for path in PACKAGE.glob("*.py"):
         text = path.read_text()
         assert not re.search(r"\bdone\b", text), path.name
@@ -137,7 +137,7 @@ def test_every_deviation_is_listed_once_and_cited_at_its_line():
     assert set(listed) == cited
 
 
-def test_every_promise_names_tests_that_there_are():
+def test_every_promise_names_existing_tests():
     page = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
     rows = [row for row in page.splitlines() if re.match(r"\| (?!promise)", row)]
     assert len(rows) > 10

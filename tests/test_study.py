@@ -1,6 +1,4 @@
-"""A study leaves the same bytes however its runs were spread, and whatever was killed on the
-way.
-"""
+"""A study has the same bytes however its runs are distributed and whatever is killed."""
 
 import importlib.util
 import itertools
@@ -9,12 +7,10 @@ import os
 import signal
 import subprocess
 import threading
-import time
-from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 import pytest
-from helpers import SMALL, command, contents, environ, flags, refused
+from helpers import SMALL, Here, command, contents, environ, flags, refused, train_here, wait_for
 
 from gbdqn_ref import UsageError, files, plots, runs, study, tables
 from gbdqn_ref.__main__ import main
@@ -29,21 +25,9 @@ FIRST = {"dqn-0": CONFIGS["dqn-0"]}
 DISTRIBUTED = importlib.util.find_spec("distributed")
 
 
-class Here(Executor):
-    """Runs what is submitted at once, in this process."""
-
-    def submit(self, call, /, *args):
-        future = Future()
-        try:
-            future.set_result(call(*args))
-        except Exception as e:
-            future.set_exception(e)
-        return future
-
-
 @pytest.fixture(scope="module")
 def sequential(tmp_path_factory):
-    """The files of the study, made one run after the other."""
+    """The files of the study, trained one run after the other."""
     out = tmp_path_factory.mktemp("study") / "out"
     assert study.run_study(CONFIGS, out, Here(), quiet=True) == {}
     return contents(out)
@@ -70,7 +54,7 @@ def test_a_study_has_a_folder_per_run_and_the_summaries_of_all(sequential):
 
 
 def test_the_description_has_every_setting_of_every_run(sequential, tmp_path):
-    """In one place each, with the agent's own filled in, and with those that --set has changed."""
+    """Each setting once, with the agents' defaults filled in and the changes by --set."""
     other = replace(AGENTS["dqn"], replay="uniform", lr=0.5)
     configs = CONFIGS | {"uniform": other}
     study.run_study(configs, tmp_path, Here(), quiet=True)
@@ -95,7 +79,7 @@ def test_processes_write_the_same_bytes_and_a_repetition_writes_no_run(
     assert ages == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("*/*")}
 
 
-def test_the_command_shows_what_the_runs_have_stored(tmp_path, sequential, capsys):
+def test_the_command_shows_the_stored_results(tmp_path, sequential, capsys):
     out = tmp_path / "out"
     for name, content in sequential.items():
         if content is not None:
@@ -118,18 +102,13 @@ def test_the_command_shows_what_the_runs_have_stored(tmp_path, sequential, capsy
 
 def test_a_study_that_is_killed_whole_can_be_started_again(tmp_path, sequential):
     out = tmp_path / "out"
-    process = subprocess.Popen(
-        command(*study_arguments(out)),
-        env=environ(),
-        start_new_session=True,
-        stderr=subprocess.DEVNULL,
-    )
-    while not list(out.glob("*/episodes.csv")):
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    while not all(map(is_free, [out, *out.glob("*-*")])):  # a worker may take a moment to die
-        time.sleep(0.01)
+    options = dict(env=environ(), start_new_session=True, stderr=subprocess.DEVNULL)
+    with subprocess.Popen(command(*study_arguments(out)), **options) as process:
+        try:
+            wait_for(lambda: list(out.glob("*/episodes.csv")))
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+    wait_for(lambda: all(map(is_free, [out, *out.glob("*-*")])))  # a worker may die a bit later
     assert study.run_study(CONFIGS, out, Here(), quiet=True) == {}
     assert contents(out) == sequential
 
@@ -150,27 +129,24 @@ def test_a_run_that_fails_is_reported_and_the_others_finish(tmp_path, sequential
     printed = capsys.readouterr()
     assert "dqn-1 failed: UsageError: " in printed.err and "is not a folder" in printed.err
     assert len(printed.err.splitlines()) == 1
-    assert all(
-        (tmp_path / "out" / name / "summary.json").exists() for name in NAMES if name != "dqn-1"
-    )
+    finished = {path.parent.name for path in (tmp_path / "out").glob("*/summary.json")}
+    assert finished == set(NAMES) - {"dqn-1"}
     assert not (tmp_path / "out" / "results.json").exists()
 
 
 def test_the_report_sorts_the_runs_by_agent_and_seed(tmp_path):
-    """In whatever order they were listed, so that pairs are formed by seed."""
+    """In any order of the list, so that runs are paired by seed."""
     order = ["random-1", "dqn-1", "random-0", "dqn-0"]
     configs = {name: CONFIGS[name] for name in order}
     assert study.run_study(configs, tmp_path, Here(), quiet=True) == {}
     summaries, records = study.report(tmp_path)
-    assert {agent: [row["seed"] for row in rows] for agent, rows in summaries.items()} == {
-        "dqn": [0, 1],
-        "random": [0, 1],
-    }
+    seeds = {agent: [row["seed"] for row in rows] for agent, rows in summaries.items()}
+    assert seeds == {"dqn": [0, 1], "random": [0, 1]}
     assert [len(run) for run in records["dqn"]] == [12, 12]
     for agent, seed in itertools.product(("dqn", "random"), (0, 1)):
         assert summaries[agent][seed]["name"] == f"{agent}-{seed}"
         episodes = runs.read_episodes(tmp_path / f"{agent}-{seed}")
-        assert repr(records[agent][seed]) == repr(episodes)  # there are NaNs in it
+        assert repr(records[agent][seed]) == repr(episodes)  # as text, since nan != nan
 
 
 def test_a_study_of_settings_is_reported_by_setting(tmp_path):
@@ -181,7 +157,7 @@ def test_a_study_of_settings_is_reported_by_setting(tmp_path):
     assert [len(run) for run in records["a"] + records["b"]] == [2, 2, 3, 3]
 
 
-def test_results_from_before_runs_had_names_are_reported(tmp_path, sequential):
+def test_results_older_than_run_names_are_reported(tmp_path, sequential):
     assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
     expected = study.report(tmp_path)
     without(tmp_path / "results.json", "name", *(["runs", k] for k in range(4)))
@@ -192,7 +168,7 @@ def test_results_from_before_runs_had_names_are_reported(tmp_path, sequential):
 def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, sequential):
     study.run_study(FIRST, tmp_path / "out", Here(), quiet=True)
     longer = replace(CONFIGS["dqn-0"], episodes=13)
-    for name in ("dqn-0", "dqn-1"):  # the run that is there, and one that is not
+    for name in ("dqn-0", "dqn-1"):  # an existing run and a new one
         with pytest.raises(UsageError, match=r"has other settings \(episodes\)"):
             study.run_study({name: longer}, tmp_path / "out", Here(), quiet=True)
     with pytest.raises(UsageError, match="holds no study"):
@@ -203,7 +179,7 @@ def test_the_folder_of_another_study_or_of_something_else_is_refused(tmp_path, s
 
 
 def without(path, key, *places):
-    """Take a setting out of a JSON file, as if the file were older than the setting."""
+    """Remove a key from a JSON file, as if the file were older than the key."""
     content = json.loads(path.read_text())
     for place in places:
         part = content
@@ -214,7 +190,7 @@ def without(path, key, *places):
 
 
 def test_a_study_survives_a_new_setting(tmp_path):
-    """A file from before the setting existed means its default."""
+    """A file older than the setting means its default."""
     assert study.run_study(CONFIGS, tmp_path, Here(), quiet=True) == {}
     without(tmp_path / "study.json", "members", ["settings"])
     without(tmp_path / "dqn-0" / "config.json", "members", ["config"])
@@ -233,15 +209,15 @@ def test_a_damaged_description_is_refused(tmp_path, content):
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "..", "-a", "a ", "a.", "é", "×", "a" * 201, "x.json"])
-def test_a_name_that_is_no_folder_on_every_system_is_refused(tmp_path, name):
+def test_a_name_that_some_system_cannot_use_is_refused(tmp_path, name):
     with pytest.raises(UsageError, match="a run needs a name of letters, digits"):
         study.run_study({name: AGENTS["random"]}, tmp_path / "out", Here(), quiet=True)
     assert not (tmp_path / "out").exists()
 
 
-def test_names_that_some_systems_take_for_one_are_refused(tmp_path):
+def test_names_that_differ_only_in_case_are_refused(tmp_path):
     configs = {"lr": AGENTS["dqn"], "LR": AGENTS["random"]}
-    with pytest.raises(UsageError, match="upper and lower case"):
+    with pytest.raises(UsageError, match="only in case"):
         study.run_study(configs, tmp_path, Here(), quiet=True)
 
 
@@ -251,13 +227,13 @@ def test_a_study_without_runs_is_refused(tmp_path):
             make()
 
 
-def test_a_seed_that_stands_twice_is_refused():
+def test_a_repeated_seed_is_refused():
     with pytest.raises(UsageError, match="twice"):
         study.grid(AGENTS, [3, 4, 3])
 
 
 def test_runs_of_two_versions_are_mixed_only_where_that_is_accepted(tmp_path, sequential, capsys):
-    """Even if those of the other version are complete; a study that is complete is only read."""
+    """Even if the runs of the other version are complete; a complete study is only read."""
     out = tmp_path / "out"
     assert study.run_study(FIRST, out, Here(), quiet=True) == {}
     recorded = json.loads((out / "dqn-0" / "config.json").read_text())
@@ -265,18 +241,14 @@ def test_runs_of_two_versions_are_mixed_only_where_that_is_accepted(tmp_path, se
     recorded["versions"]["numpy"] = "1.0"
     files.write_json(out / "dqn-0" / "config.json", recorded)
     assert study.run_study(FIRST, out, Here(), quiet=True) == {}
-    refused(
-        capsys,
-        tmp_path,
-        study_arguments(out),
-        f"dqn-0 was made with other versions (numpy 1.0 → {numpy})",
-    )
+    said = f"dqn-0 was made with other versions (numpy 1.0 → {numpy})"
+    refused(capsys, tmp_path, study_arguments(out), said)
     assert main(study_arguments(out, "--accept-versions")) == 0
     rows = json.loads((out / "results.json").read_text())["runs"]
     assert [row["versions"]["numpy"] for row in rows] == ["1.0", numpy, numpy, numpy]
 
 
-def test_a_worker_goes_on_with_a_run_of_another_version_where_that_is_accepted(tmp_path):
+def test_a_worker_continues_a_run_of_another_version_only_if_accepted(tmp_path):
     out = tmp_path / "out"
     assert study.run_study(FIRST, out, Here(), quiet=True) == {}
     expected = (out / "dqn-0" / "summary.json").read_bytes()
@@ -297,18 +269,15 @@ def test_a_study_grows_by_agents_and_seeds(tmp_path, sequential):
 
 
 def test_a_study_grows_by_an_agent_with_settings_of_its_own(tmp_path):
-    """The α of GB-DQN-reuse is not that of DQN, but each agent's own."""
+    """GB-DQN-reuse has its own default α, not DQN's."""
     assert study.run_study(FIRST, tmp_path, Here(), quiet=True) == {}
     reuse = {"gbdqn-reuse-0": replace(CONFIGS["dqn-0"], agent="gbdqn-reuse")}
     assert study.run_study(reuse, tmp_path, Here(), quiet=True) == {}
 
 
-def test_a_folder_in_which_a_study_is_at_work_is_refused(tmp_path):
-    (tmp_path / "out").mkdir()
-    with (
-        files.locked(tmp_path / "out"),
-        pytest.raises(UsageError, match="in use by another process"),
-    ):
+def test_the_folder_of_a_running_study_is_refused(tmp_path):
+    busy = pytest.raises(UsageError, match="in use by another process")
+    with files.locked(tmp_path / "out"), busy:
         study.run_study(CONFIGS, tmp_path / "out", Here(), quiet=True)
 
 
@@ -337,7 +306,8 @@ def test_a_wrong_command_is_refused(tmp_path, capsys, arguments, keyword):
     refused(capsys, tmp_path, [*start, *arguments], keyword)
 
 
-def test_a_single_seed_has_no_spread(tmp_path, capsys):
+def test_a_single_seed_has_no_spread(tmp_path, capsys, monkeypatch):
+    train_here(monkeypatch)
     arguments = ["study", "--agents", "dqn,random", "--seeds", "1", "--quiet", *flags(**DRIFTING)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
@@ -350,7 +320,7 @@ def compare_arguments(out, *more):
 
 
 def test_a_comparison_is_a_study_of_one_seed(tmp_path, sequential, capsys):
-    """Each agent's folder has the bytes that it has in a study; a repetition writes no run."""
+    """Each agent's folder has the same bytes as in a study; repeating it writes no run."""
     ages = []
     for jobs in ("1", "2"):
         assert main(compare_arguments(tmp_path / "out", "--jobs", jobs)) == 0
@@ -365,7 +335,7 @@ def test_a_comparison_is_a_study_of_one_seed(tmp_path, sequential, capsys):
     assert ages == [path.stat().st_mtime_ns for path in sorted((tmp_path / "out").glob("*/*"))]
 
 
-def test_a_comparison_that_is_older_than_its_description_is_continued(tmp_path):
+def test_a_comparison_without_a_description_is_continued(tmp_path):
     runs.train(AGENTS["dqn"], tmp_path / "out" / "dqn", quiet=True)
     summary = tmp_path / "out" / "dqn" / "summary.json"
     age = summary.stat().st_mtime_ns
@@ -374,12 +344,11 @@ def test_a_comparison_that_is_older_than_its_description_is_continued(tmp_path):
 
 
 def kill_when(ready, pid):
-    while not ready():
-        time.sleep(0.01)
+    wait_for(ready)
     os.kill(pid, signal.SIGKILL)
 
 
-@pytest.mark.filterwarnings("ignore")  # Dask's own, of processes that are gone
+@pytest.mark.filterwarnings("ignore")  # Dask warns of processes that have died
 def test_a_dask_cluster_of_which_a_worker_is_killed_writes_the_same_bytes(tmp_path, sequential):
     """Two worker processes, one of which is killed as soon as a run has begun."""
     distributed = pytest.importorskip("distributed")
@@ -389,10 +358,8 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_writes_the_same_bytes(tmp_pa
         begun = (lambda: list((tmp_path / "out").glob("*/episodes.csv")), first)
         killer = threading.Thread(target=kill_when, args=begun)
         killer.start()
-        assert (
-            study.run_study(CONFIGS, tmp_path / "out", client.get_executor(pure=False), quiet=True)
-            == {}
-        )
+        executor = client.get_executor(pure=False)
+        assert study.run_study(CONFIGS, tmp_path / "out", executor, quiet=True) == {}
         killer.join()
         assert first not in client.run(os.getpid).values()
     assert contents(tmp_path / "out") == sequential

@@ -1,4 +1,4 @@
-"""What is stored of a run, worked out by hand from a few episodes."""
+"""The summary and the records of a run, checked by hand on a few episodes."""
 
 from types import SimpleNamespace
 
@@ -13,52 +13,44 @@ CONFIG = Config(agent="dqn", seed=7, episodes=63, schedule=[{"episode": 3, "leng
 
 
 def record(episode, returns, steps, evaluation=()):
-    regime = int(episode >= 3)
-    event = "drift" if episode == 3 else ""
-    return {
-        "episode": episode, "regime": regime, "event": event, "return": returns, "steps": steps,
-        "evaluation": list(evaluation),
-    }  # fmt: skip
+    place = {"episode": episode, "regime": int(episode >= 3)}
+    event = {"event": "drift" if episode == 3 else ""}
+    return place | event | {"return": returns, "steps": steps, "evaluation": list(evaluation)}
 
 
 def agent(replay=None):
     return SimpleNamespace(replay=replay)
 
 
-def test_a_summary_says_what_was_run_and_how_it_went():
-    """Levels: the random policy at 10, 110 before the drift; 60 is half of that, 100 is 0.9."""
+def test_a_summary_has_the_settings_and_results_of_a_run():
+    """The random policy has 10, the regime before 110: 60 is level 0.5 and 100 is 0.9."""
     before = [record(0, 109.0, 5), record(1, 110.0, 9), record(2, 111.0, 12, [3.0, 4.0])]
     after = [record(k, 60.0 if k < 23 else 100.0, 10 * k) for k in range(3, 62)]
     last = record(62, 100.0, 999, [5.0, 6.0])
     summary = runs.summarise(CONFIG, agent(), [*before, *after, last], 10.0)
     mean = (20 * 60 + 40 * 100) / 60
     area = (20 * 0.5 + 40 * 0.9) / 60
-    assert summary["regimes"].pop(1) == {
-        "regime": 1, "first_episode": 3, "episodes": 60, "event": "drift",
-        "mean_return": pytest.approx(mean), "drop": 0.5, "recovery": 30,
-        "area": pytest.approx(area),
-    }  # fmt: skip
-    assert summary == {
-        "env": "cartpole", "agent": "dqn", "seed": 7, "episodes": 63, "steps": 999,
-        "final_return": (10 * 60 + 40 * 100) / 50, "random_return": 10.0,
-        "regimes": [
-            {"regime": 0, "first_episode": 0, "episodes": 3, "event": "", "mean_return": 110.0,
-             "drop": None, "recovery": None, "area": None},
-        ],
-        "evaluation": [[3.0, 4.0], [5.0, 6.0]],
-    }  # fmt: skip
+    first, second = summary.pop("regimes")
+    place = dict(regime=0, first_episode=0, episodes=3, event="", mean_return=110.0)
+    assert first == place | dict(drop=None, recovery=None, area=None)
+    place = dict(regime=1, first_episode=3, episodes=60, event="drift")
+    levels = dict(mean_return=pytest.approx(mean), area=pytest.approx(area))
+    assert second == place | levels | dict(drop=0.5, recovery=30)
+    settings = dict(env="cartpole", agent="dqn", seed=7, episodes=63, steps=999)
+    returns = dict(final_return=(10 * 60 + 40 * 100) / 50, random_return=10.0)
+    assert summary == settings | returns | dict(evaluation=[[3.0, 4.0], [5.0, 6.0]])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
-def test_the_share_by_recency_is_what_the_td_errors_leave(monkeypatch, share):
+def test_the_share_by_recency_is_1_minus_the_td_share(monkeypatch, share):
     replay = object.__new__(RecencyReplay)
     monkeypatch.setattr(RecencyReplay, "td_share", lambda self: share)
     summary = runs.summarise(CONFIG, agent(replay), [record(0, 1.0, 1)], 0.0)
     assert summary["recency_share_of_replay"] == 1 - share
 
 
-def test_the_zero_of_the_scale_is_the_random_policy_in_the_stock_physics():
-    """20 greedy episodes with the seed 0, whatever the run's schedule and seed say."""
+def test_level_0_is_the_random_policy_in_the_stock_physics():
+    """20 greedy episodes with seed 0, under any schedule and seed of the run."""
     random = train.make_agent(Config(agent="random"))
     returns = train.evaluate(random, train.drift.make("cartpole"), 20, seed=0)
     config = Config(seed=9, schedule=[{"episode": 0, "gravity": 9}])
@@ -95,8 +87,8 @@ class Stub:
         return self
 
 
-def test_a_record_has_the_mean_size_of_the_td_errors():
-    """(1 + 3 + 2 + 6 + n · 3) / (4 + n) is 3, however many updates there are."""
+def test_a_record_has_the_mean_absolute_td_error():
+    """(1 + 3 + 2 + 6 + n · 3) / (4 + n) is 3 for any number of updates."""
     config = Config(episodes=1, learning_starts=1, update_every=2)
     stub = Stub(config)
     (record,) = train.run(config, stub)

@@ -1,4 +1,4 @@
-"""What is printed, worked out by hand from a few summaries."""
+"""The printed tables, checked by hand on a few summaries."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,8 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
 from gbdqn_ref.tables import Table
 
-CONFIG = Config(
-    env="mountaincar", agent="gbdqn", seed=7, episodes=60,
-    schedule=[{"episode": 20, "gravity": 1.3}, {"episode": 40, "reset": True}],
-)  # fmt: skip
+SCHEDULE = [{"episode": 20, "gravity": 1.3}, {"episode": 40, "reset": True}]
+CONFIG = Config(env="mountaincar", agent="gbdqn", seed=7, episodes=60, schedule=SCHEDULE)
 
 
 def regime(mean=0.0, drop=None, recovery=None):
@@ -21,13 +19,13 @@ def regime(mean=0.0, drop=None, recovery=None):
 
 
 def summary(final=0.0, regimes=((), (), ()), seed=0, **more):
-    """What a run's summary.json says, as far as tables read it."""
+    """The fields of a run's summary.json that the tables read."""
     rows = [regime(*row) for row in regimes]
     return {"final_return": final, "random_return": -199.96, "seed": seed, "regimes": rows} | more
 
 
 def finals(*values, seeds=None):
-    """The summaries of one agent's runs, given their final returns."""
+    """The summaries of an agent's runs with these final returns."""
     seeds = range(len(values)) if seeds is None else seeds
     return [summary(final, seed=seed) for final, seed in zip(values, seeds, strict=True)]
 
@@ -35,7 +33,7 @@ def finals(*values, seeds=None):
 # --- printing -------------------------------------------------------------------------------------
 
 
-def test_a_table_is_printed_with_names_to_the_left_and_numbers_to_the_right(capsys):
+def test_names_are_printed_left_aligned_and_numbers_right_aligned(capsys):
     rows = [["a", "1.0", ""], ["long name", "-22.5", "9"]]
     tables.show(Table("a title", ["what", "x", "wide column"], rows, ["one note", "another"]))
     assert capsys.readouterr().out.splitlines() == [
@@ -51,7 +49,7 @@ def test_a_table_is_printed_with_names_to_the_left_and_numbers_to_the_right(caps
     ]
 
 
-def test_a_row_that_lacks_a_cell_is_an_error():
+def test_a_row_with_a_missing_cell_is_an_error():
     with pytest.raises(ValueError, match="zip"):
         tables.show(Table("", ["a", "b"], [["1"]], []))
 
@@ -62,9 +60,8 @@ def test_a_row_that_lacks_a_cell_is_an_error():
 def test_the_table_of_regimes():
     gbdqn = summary(-131.25, [(-150.04,), (-199.0, 0.914, None), (-130, -0.5, 12)])
     dqn = summary(-121.0, [(-160.0,), (-140, 0.0, 10), (-200, None, None)])
-    shown = tables.regimes(
-        {"gbdqn": gbdqn | {"recency_share_of_replay": 0.306}, "dqn": dqn}, CONFIG
-    )
+    gbdqn["recency_share_of_replay"] = 0.306
+    shown = tables.regimes({"gbdqn": gbdqn, "dqn": dqn}, CONFIG)
     assert shown.title == "MountainCar, seed 7: mean return, drop and recovery per regime"
     assert shown.columns == ["regime", "GB-DQN", "drop", "recovery", "DQN", "drop", "recovery"]
     assert shown.rows == [
@@ -78,13 +75,13 @@ def test_the_table_of_regimes():
         "GB-DQN ended with 31% of its samples drawn by recency",
         "drop: share of the earlier level lost in the first 20 episodes after the drift (0 ="
         " random policy)",
-        "recovery: episodes until a mean of 10 is back at 90% of that level; never: not within the"
-        " regime",
+        "recovery: episodes until the mean of 10 is back at 90% of that level; never: not within"
+        " the regime",
         "–: there is no earlier level, or it was no better than the random policy's",
     ]
 
 
-def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
+def test_every_agent_has_three_columns_in_the_order_of_the_runs():
     runs = {agent: summary(k, [(k,)] * 3) for k, agent in enumerate(AGENTS)}
     shown = tables.regimes(runs, CONFIG)
     assert shown.columns[1::3] == [AGENTS[agent].label for agent in AGENTS]
@@ -92,7 +89,7 @@ def test_every_agent_has_its_three_columns_in_the_order_of_the_runs():
     assert len(shown.notes) == 3, "nobody drew by recency"
 
 
-def test_nothing_is_minus_zero():
+def test_nothing_is_printed_as_minus_zero():
     runs = {"dqn": finals(0.01), "gbdqn": finals(-0.03)}
     assert tables.study(runs, CONFIG).rows[1][4:] == ["0.0 ±     –", "0.0", "+0.0"]
     shown = tables.regimes({"dqn": summary(-0.01, [(-0.04,), (0, -0.001, 9), ()])}, CONFIG)
@@ -103,9 +100,9 @@ def test_nothing_is_minus_zero():
 
 
 def test_the_table_of_a_study():
-    """Of 0, 1, 2, 3, 100 the mean is 21.2, the interquartile mean 2 and the deviation 44.1.
+    """0, 1, 2, 3, 100 have the mean 21.2, the IQM 2 and the standard deviation 44.1.
 
-    In the regimes the returns are 0, 1, 4, 9 and 16, whose mean is 6, ten times that, and minus it.
+    The returns in the regimes are 0, 1, 4, 9, 16 (mean 6), ten times these, and their negatives.
     """
     regimes = [[(k**2,), (10 * k**2,), (-(k**2),)] for k in range(5)]
     final = [0, 1, 2, 3, 100]
@@ -130,7 +127,7 @@ def test_the_table_of_a_study():
 
 
 def test_the_difference_is_ours_minus_dqns_with_its_interval():
-    """The differences are 1, 2, 3, 4 and 5; the middle of them is 3."""
+    """The differences 1, 2, 3, 4, 5 have the IQM 3."""
     ours, dqn = [11, 22, 33, 44, 55], [10, 20, 30, 40, 50]
     low, high = stats.bootstrap_interval([1, 2, 3, 4, 5], np.random.default_rng(0))
     shown = tables.study({"dqn": finals(*dqn), "reset": finals(*ours)}, CONFIG)
@@ -138,7 +135,7 @@ def test_the_difference_is_ours_minus_dqns_with_its_interval():
     assert [row[-1] for row in shown.rows] == ["", f"+3.0 [+{low:.1f}, +{high:.1f}]"]
 
 
-def test_pairs_are_formed_by_seed_in_whatever_order_the_runs_come():
+def test_runs_are_paired_by_seed_in_any_order():
     ours, dqn = finals(3, 13, 23, seeds=[5, 2, 9]), finals(10, 20, 99, 0, seeds=[2, 9, 1, 5])
     shown = tables.study({"ensemble": ours, "dqn": dqn}, CONFIG)
     assert shown.rows[0][-1] == "+3.0 [+3.0, +3.0]"
@@ -155,13 +152,13 @@ def test_a_single_seed_has_no_spread_and_no_interval():
 
 
 @pytest.mark.parametrize(("seeds", "count"), [([4], "seed 4"), ([4, 0], "2 seeds")])
-def test_the_title_says_how_many_seeds_there_are(seeds, count):
+def test_the_title_gives_the_number_of_seeds(seeds, count):
     shown = tables.study({"dqn": finals(*seeds, seeds=seeds)}, CONFIG)
     assert shown.title == f"MountainCar, {count}: mean return per regime, and final return"
 
 
 @pytest.mark.parametrize("agents", [["gbdqn", "reset"], ["dqn"]])
-def test_nothing_is_said_of_differences_where_there_are_none(agents):
+def test_without_a_pair_the_differences_are_left_out(agents):
     shown = tables.study({agent: finals(1, 2) for agent in agents}, CONFIG)
     assert shown.columns[-1] == "IQM" and not any("minus" in note for note in shown.notes)
     assert all(len(row) == len(shown.columns) for row in shown.rows)
@@ -183,8 +180,8 @@ def test_the_table_of_drift_effect():
             ["a drift", "-200.0", "-150.0", "-100.0", "50%"],
         ],
         [
-            "frozen: trained in the stock physics, then no longer learning; trained: in this"
-            " regime from the start",
+            "frozen: trained in the stock physics, then fixed; trained: trained in this regime"
+            " from the start",
             "lost: share of the gain from random to trained that frozen misses; –: trained is no"
             " better than random",
             "1 of 1 drifts cost at least 20% of the gain",
@@ -192,8 +189,8 @@ def test_the_table_of_drift_effect():
     )
 
 
-def test_a_drift_counts_from_a_fifth_on_and_only_where_its_regime_was_learnt():
-    """The first row is the stock physics and counts in neither number."""
+def test_a_drift_counts_from_20_percent_and_only_if_its_regime_was_learnt():
+    """The first row is the stock physics and does not count as a drift."""
     rows = [effect(lost) for lost in (1.0, 0.2, 0.199, -0.5, None, 1.0)]
     shown = tables.drift_effect(rows, CONFIG)
     assert shown.notes[-1] == "2 of 5 drifts cost at least 20% of the gain"

@@ -1,4 +1,4 @@
-"""One BLAS thread while an episode is trained, and as many as before at every other time."""
+"""Training an episode uses one BLAS thread; at all other times the number is unchanged."""
 
 import json
 import subprocess
@@ -37,18 +37,12 @@ print(json.dumps(seen | {{"before": before, "after": threads()}}))
 
 
 @pytest.mark.parametrize("first", ["numpy", "gbdqn_ref"])
-def test_two_runs_in_turn_have_one_thread_each_and_leave_the_rest_alone(first):
-    """Held across a yield, the limit of the run that ends first would be lifted for the other."""
+def test_two_interleaved_runs_train_with_one_thread_and_restore_the_rest(first):
+    """Catches a limit held across a yield: the first run to end would lift it for the other."""
     code = INTERLEAVED.format(first=first, small=SMALL)
     variables = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "2")
-    result = subprocess.run(
-        [sys.executable, "-c", code],
-        env=environ(**variables),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    seen = json.loads(result.stdout)
+    printed = subprocess.check_output([sys.executable, "-c", code], env=environ(**variables))
+    seen = json.loads(printed)
     assert seen["before"] == seen["after"] == [2], "this machine's BLAS has no second thread"
     assert seen["inside"] == [[1]] * 9 and seen["evaluating"] == [[1]] * 2
     assert seen["between"] == [[2]] * 6

@@ -1,4 +1,4 @@
-"""What is built from here works elsewhere, and pyproject.toml says what it needs."""
+"""The wheel works outside the clone, and pyproject.toml lists what the package needs."""
 
 import os
 import re
@@ -24,7 +24,7 @@ def pip(*arguments):
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Built from a copy, since setuptools would add what an older build left in the clone."""
+    """Built from a copy, since setuptools would add leftovers of older builds in the clone."""
     source, dist = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
@@ -39,7 +39,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(wheel):
 
 
 def test_the_wheel_trains_outside_the_clone(wheel, tmp_path):
-    """With -S no .pth file is read, so that an editable install of the clone is out of reach."""
+    """With -S Python reads no .pth file, so it does not find an editable install of the clone."""
     site, elsewhere = tmp_path / "site", tmp_path / "elsewhere"
     elsewhere.mkdir()
     pip("install", "--no-deps", "--target", site, wheel)
@@ -57,13 +57,13 @@ def test_the_wheel_trains_outside_the_clone(wheel, tmp_path):
 
 
 @pytest.mark.parametrize("requirement", PROJECT["dependencies"])
-def test_a_requirement_is_a_lower_bound_and_no_more(requirement):
-    """`make test-oldest` installs exactly what it says."""
+def test_a_requirement_is_only_a_lower_bound(requirement):
+    """`make test-oldest` installs exactly these versions."""
     assert REQUIREMENT.fullmatch(requirement)
 
 
 def test_the_package_requires_what_it_imports():
-    """A package that only another one brings may go any day."""
+    """Another package's dependency could disappear any day."""
     modules = {module for tree in TREES.values() for module, ours in imports(tree) if not ours}
     imported = {"pillow" if module == "PIL" else module for module in modules}
     required = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["cluster"]]
