@@ -6,7 +6,7 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test bench notebooks mutants test-oldest clean
+.PHONY: train test bench notebooks mutants plant test-oldest clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
@@ -26,6 +26,9 @@ notebooks: .venv/test
 mutants: .venv/test
 	$(BIN)/pip install --quiet --editable '.[dev,mutants]'
 	$(BIN)/python tests/mutants.py
+
+plant: .venv/test
+	$(BIN)/python paper_checks/plant.py
 
 # Without the notebooks. Python's own lower bound: make test-oldest PYTHON=python3.11
 test-oldest: .venv-oldest/test

@@ -26,6 +26,7 @@ TABLES = {  # mean ± std of the "Final Return"
 RUNS = 5  # tex:742, 790, 853
 LOWEST = {"Acrobot": -500.0, "MountainCar": -200.0}  # −1 a step, for at most so many: tex:706, 760
 DRIFTS = (150, 250, 350, 450)  # episodes, on Acrobot and MountainCar: tex:707, 762
+HIDDEN = {"acrobot": (128, 128), "hopper": (256, 256)}  # tex:709, 817
 GAMMA = 0.99  # tex:706, 760, 814
 SHRINKAGE = 0.1  # η_boost: tex:714, 763, 821
 EPSILON = (1.0, 0.05)  # at the start and in the end: tex:713, 820

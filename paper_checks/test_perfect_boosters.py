@@ -347,9 +347,10 @@ def test_the_chain_needs_as_many_boosters_as_the_news_needs_steps_and_more():
 def test_after_three_boosters_the_middle_is_untouched():
     """No value there has changed."""
     (_, Q), (new, _), boosts = ends(0), ends(ROOMS - 1), 3
+    first, last = boosts, ROOMS - boosts
     untouched = np.flatnonzero((boosted(letter, new, Q, boosts) == Q).all(-1))
-    assert untouched.tolist() == list(range(untouched[0], untouched[-1] + 1))
-    shows("after {}, states {}–{} are untouched", boosts, untouched[0], untouched[-1])
+    assert untouched.tolist() == list(range(first, last + 1))
+    shows("after {}, states {}–{} are untouched", boosts, first, last)
 
 
 @control("B9")
