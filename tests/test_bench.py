@@ -58,7 +58,7 @@ def test_the_command_prints_every_table_and_draws_the_plot(tmp_path, capsys, mon
 
 
 @pytest.mark.parametrize(
-    ("out", "says"), [("", "is a folder"), ("bench.jpg", "as .png"), ("file/bench.png", "file")]
+    ("out", "says"), [("", "is a folder"), ("bench.jpg", "a .png file"), ("file/bench.png", "file")]
 )
 def test_an_impossible_output_path_is_refused_before_measuring(
     out, says, tmp_path, capsys, monkeypatch
