@@ -43,7 +43,7 @@ GROUPS = {  # without the tests that start processes or read the source
     "reports": Group(
         "tables plots effect stats runs study watch",
         240,
-        "gbdqn_ref/stats.py tests/test_effect.py tests/test_plots.py tests/test_runs.py"
+        "gbdqn_ref tests/test_effect.py tests/test_plots.py tests/test_runs.py"
         " tests/test_stats.py tests/test_study.py tests/test_summary.py tests/test_tables.py"
         " tests/test_watch.py",
         ["-k", " and ".join(f"not {word}" for word in PROCESSES)],

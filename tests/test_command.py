@@ -1,9 +1,7 @@
 """The command line under unusual streams, locales and environment variables."""
 
-import json
 import os
 import pty
-import re
 import subprocess
 import sys
 import termios
@@ -14,8 +12,7 @@ import pytest
 from helpers import SMALL, cli, command, contents, environ, flags, refused
 
 from gbdqn_ref import runs
-from gbdqn_ref.__main__ import main
-from gbdqn_ref.config import SETTINGS, Config
+from gbdqn_ref.config import Config
 
 FEW = flags(**SMALL | dict(episodes=3, schedule=[{"episode": 1, "length": 2}]))
 RUN = {"config.json", "episodes.csv", "checkpoint.npz", "summary.json", "curve.png"}
@@ -188,49 +185,6 @@ def test_a_run_that_diverges_fails_and_the_others_finish(tmp_path):
     assert "dqn failed: DivergenceError: training diverged in episode " in stderr
     assert names(tmp_path / "both" / "random") == RUN
     assert not (tmp_path / "both" / "results.json").exists()
-
-
-# --- settings -------------------------------------------------------------------------------------
-
-
-def listed(capsys, *arguments):
-    """{setting: the cells of its line}, and the notes below the table."""
-    assert main(["settings", *arguments]) == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line]
-    assert lines[1].split() == ["setting", "value", "source", "range", "meaning"]
-    rows = [re.split("  +", line) for line in lines[2 : 2 + len(SETTINGS)]]
-    return {name: cells for name, *cells in rows}, lines[2 + len(SETTINGS) :]
-
-
-def test_every_setting_is_listed_with_its_default_and_range(capsys):
-    rows, _ = listed(capsys)
-    assert list(rows) == list(SETTINGS)
-    for name, (value, _, words, meaning) in rows.items():
-        assert json.loads(value) == Config().to_dict()[name]
-        assert words == SETTINGS[name][1].words
-        assert meaning.endswith(".")
-    assert rows["gamma"] == ["0.99", "paper", "a number in [0, 1)", "Discount γ."]
-    assert rows["window"][3].endswith(" Only for sliding.")
-    assert rows["members"][1] == "ours (D19)"
-    assert rows["mix"][1] == "ours (D13)"
-    assert rows["seed"][1] == "free"
-    assert rows["replay"][:2] == ["null", "the agent"]
-
-
-def test_the_settings_of_a_preset_are_listed_with_their_sources(capsys):
-    rows, notes = listed(capsys, "--env", "acrobot", "--preset", "fast")
-    config = Config.preset("acrobot", "fast").to_dict()
-    for name, (value, *_) in rows.items():
-        assert name == "schedule" or json.loads(value) == config[name]
-    assert rows["schedule"][:2] == ["below", "ours (D14)"]
-    assert f"schedule: {json.dumps(config['schedule'])}" in notes
-    assert rows["lr"][:2] == ["0.001", "paper"]
-    assert rows["episodes"][:2] == ["250", "ours (D14)"]
-    assert rows["recency_rate"][1] == "ours (D5)"
-
-
-def test_a_preset_without_an_environment_is_cartpoles_as_in_training(capsys):
-    assert listed(capsys, "--preset", "fast") == listed(capsys, "--env", "cartpole-fast")
 
 
 # --- a script that has no "if __name__" -----------------------------------------------------------

@@ -224,6 +224,7 @@ def test_panels_follow_the_order_of_the_agents_and_spare_ones_are_hidden():
     labelled = [panel.xaxis.get_tick_params()["labelbottom"] for panel in axes[:4]]
     assert labelled == [False, True, True, True], "the lowest of each column"
     assert axes[0].get_subplotspec().get_gridspec().get_geometry() == (2, 3)
+    assert len({panel.get_ylim() for panel in axes}) == 1
 
 
 def test_a_study_says_what_it_shows():

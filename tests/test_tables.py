@@ -1,11 +1,15 @@
 """The printed tables, checked by hand on a few summaries."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 
 from gbdqn_ref import stats, tables
+from gbdqn_ref.__main__ import main
 from gbdqn_ref.agents import AGENTS
-from gbdqn_ref.config import Config
+from gbdqn_ref.config import SETTINGS, Config
 from gbdqn_ref.tables import Table
 
 SCHEDULE = [{"episode": 20, "gravity": 1.3}, {"episode": 40, "reset": True}]
@@ -142,6 +146,11 @@ def test_runs_are_paired_by_seed_in_any_order():
     assert shown.title.startswith("MountainCar, 4 seeds:")
 
 
+def test_two_seeds_have_an_interval():
+    shown = tables.study({"dqn": finals(1, 2), "reset": finals(4, 7)}, CONFIG)
+    assert shown.rows[1][-1] == "+4.0 [+3.0, +5.0]"
+
+
 def test_a_single_seed_has_no_spread_and_no_interval():
     shown = tables.study({"gbdqn": finals(5, seeds=[3]), "dqn": finals(8, seeds=[3])}, CONFIG)
     assert shown.title.startswith("MountainCar, seed 3:")
@@ -195,3 +204,46 @@ def test_a_drift_counts_from_20_percent_and_only_if_its_regime_was_learnt():
     shown = tables.drift_effect(rows, CONFIG)
     assert shown.notes[-1] == "2 of 5 drifts cost at least 20% of the gain"
     assert [row[-1] for row in shown.rows] == ["100%", "20%", "20%", "-50%", "–", "100%"]
+
+
+# --- settings -------------------------------------------------------------------------------------
+
+
+def listed(capsys, *arguments):
+    """{setting: the cells of its line}, and the notes below the table."""
+    assert main(["settings", *arguments]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line]
+    assert lines[1].split() == ["setting", "value", "source", "range", "meaning"]
+    rows = [re.split("  +", line) for line in lines[2 : 2 + len(SETTINGS)]]
+    return {name: cells for name, *cells in rows}, lines[2 + len(SETTINGS) :]
+
+
+def test_every_setting_is_listed_with_its_default_and_range(capsys):
+    rows, _ = listed(capsys)
+    assert list(rows) == list(SETTINGS)
+    for name, (value, _, words, meaning) in rows.items():
+        assert json.loads(value) == Config().to_dict()[name]
+        assert words == SETTINGS[name][1].words
+        assert meaning.endswith(".")
+    assert rows["gamma"] == ["0.99", "paper", "a number in [0, 1)", "Discount γ."]
+    assert rows["window"][3].endswith(" Only for sliding.")
+    assert rows["members"][1] == "ours (D19)"
+    assert rows["mix"][1] == "ours (D13)"
+    assert rows["seed"][1] == "free"
+    assert rows["replay"][:2] == ["null", "the agent"]
+
+
+def test_the_settings_of_a_preset_are_listed_with_their_sources(capsys):
+    rows, notes = listed(capsys, "--env", "acrobot", "--preset", "fast")
+    config = Config.preset("acrobot", "fast").to_dict()
+    for name, (value, *_) in rows.items():
+        assert name == "schedule" or json.loads(value) == config[name]
+    assert rows["schedule"][:2] == ["below", "ours (D14)"]
+    assert f"schedule: {json.dumps(config['schedule'])}" in notes
+    assert rows["lr"][:2] == ["0.001", "paper"]
+    assert rows["episodes"][:2] == ["250", "ours (D14)"]
+    assert rows["recency_rate"][1] == "ours (D5)"
+
+
+def test_a_preset_without_an_environment_is_cartpoles_as_in_training(capsys):
+    assert listed(capsys, "--preset", "fast") == listed(capsys, "--env", "cartpole-fast")
