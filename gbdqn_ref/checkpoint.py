@@ -48,7 +48,9 @@ def save(path: Path | str, agent: Any, episodes: int) -> None:
         "config": agent.config.to_dict(),
     }
     arrays = {"header": np.array(json.dumps(header))} | state(agent)
-    write_atomically(path, lambda file: np.savez(file, **arrays))  # type: ignore[arg-type]
+    content = io.BytesIO()  # NumPy's zip file complains twice where a disk is full
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    write_atomically(path, lambda file: file.write(content.getbuffer()))
 
 
 def load(path: Path | str, agent: Any) -> int:

@@ -265,6 +265,12 @@ def test_episodes_csv_holds_what_the_run_yielded(tmp_path, undisturbed, agent):
     assert np.cumsum(lengths).tolist() == steps
 
 
+def test_a_line_with_a_value_too_many_is_refused(tmp_path, undisturbed):
+    (tmp_path / "episodes.csv").write_bytes(undisturbed["dqn"]["episodes.csv"][:-1] + b",7\n")
+    with pytest.raises(UsageError, match="damaged in line 31"):
+        runs.read_episodes(tmp_path)
+
+
 @both
 def test_config_json_holds_every_setting_and_what_made_the_run(tmp_path, undisturbed, agent):
     (tmp_path / "config.json").write_bytes(undisturbed[agent]["config.json"])
