@@ -33,6 +33,14 @@ def sequential(tmp_path_factory):
     return contents(out)
 
 
+def test_a_damaged_summary_is_refused_before_anything_is_trained(tmp_path):
+    study.run_study(FIRST, tmp_path, Here(), quiet=True)
+    (tmp_path / "dqn-0" / "summary.json").write_bytes(b"{")
+    with pytest.raises(UsageError, match=r"summary\.json"):
+        study.run_study(CONFIGS, tmp_path, Here(), quiet=True)
+    assert {path.name for path in tmp_path.glob("*-*")} == {"dqn-0"}
+
+
 def study_arguments(out, *more):
     start = ["study", "--env", "cartpole", "--agents", "dqn,random", "--seeds", "2", "--quiet"]
     return [*start, *flags(**DRIFTING), "--out", str(out), *more]

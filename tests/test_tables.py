@@ -229,7 +229,7 @@ def test_every_setting_is_listed_with_its_default_and_range(capsys):
     assert rows["window"][3].endswith(" Only for sliding.")
     assert rows["members"][1] == "ours (D19)"
     assert rows["mix"][1] == "ours (D13)"
-    assert rows["seed"][1] == "free"
+    assert [rows[name][1] for name in ("env", "agent", "seed")] == ["free"] * 3
     assert rows["replay"][:2] == ["null", "the agent"]
 
 
