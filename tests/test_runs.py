@@ -265,6 +265,13 @@ def test_episodes_csv_holds_what_the_run_yielded(tmp_path, undisturbed, agent):
     assert np.cumsum(lengths).tolist() == steps
 
 
+def test_a_share_that_is_no_number_is_refused_with_its_file(tmp_path, undisturbed):
+    summary = json.loads(undisturbed["gbdqn"]["summary.json"]) | {"recency_share_of_replay": "half"}
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(UsageError, match=r"summary\.json is damaged"):
+        runs.read_summary(tmp_path)
+
+
 def test_a_line_with_a_value_too_many_is_refused(tmp_path, undisturbed):
     (tmp_path / "episodes.csv").write_bytes(undisturbed["dqn"]["episodes.csv"][:-1] + b",7\n")
     with pytest.raises(UsageError, match="damaged in line 31"):
