@@ -37,7 +37,8 @@ GROUPS = {  # without the tests that start processes or read the source
         "gbdqn_ref paper_checks tests/test_agents.py tests/test_baselines.py tests/test_bellman.py"
         " tests/test_boosting.py tests/test_buffers.py tests/test_checkpoint.py"
         " tests/test_config.py tests/test_drift.py tests/test_hopper.py tests/test_nn.py"
-        " tests/test_optim.py tests/test_physics.py tests/test_schedule.py tests/test_tabular.py",
+        " tests/test_optim.py tests/test_physics.py tests/test_reuse.py tests/test_schedule.py"
+        " tests/test_tabular.py",
         ["--deselect=paper_checks/test_reruns.py"],
     ),
     "reports": Group(

@@ -250,6 +250,14 @@ def test_among_equal_stages_the_newest_continues():
     assert agent.shelf.tolist() == [0, 1, 2]
 
 
+def test_the_booster_on_an_older_winner_learns_at_the_changed_step_size():
+    agent = trained(2, lr=0.01, lr_factor=5.0)
+    agent.on_drift("drift")
+    for total in (1.0, 1.0, 9.0):
+        play(agent, total)
+    assert not agent.on_trial and agent.adam.lr == 0.05
+
+
 def test_the_shelf_holds_only_the_last_stages():
     agent = trained(SHELF + 2)
     assert agent.shelf.tolist() == [2, 3, 4] and len(agent.ensemble) == 5
