@@ -24,7 +24,9 @@ EDGE = 20  # episodes at a regime's start
 def settings(protocol, method, seed, count):
     """So many random settings of a method, {name: value or factor on the preset's own value}."""
     tuning = protocol.content["tuning"]
-    own = {key: value for key, value in tuning["methods"][method].items() if key != "arms"}
+    own = {
+        key: value for key, value in tuning["methods"][method].items() if key not in ("on", "arms")
+    }
     rng = np.random.default_rng([seed, *method.encode()])
     return [
         {name: float(f ** rng.uniform(-1, 1)) for name, f in (tuning["shared"] | own).items()}
@@ -82,7 +84,7 @@ def tune(protocol, tasks, out, jobs):
     for task in tasks:
         chosen = {}
         for method, content in plan["methods"].items():
-            arm = content["arms"][-1] if method != "dqn-drop" else "dqn-drop"
+            arm = content["on"]
             tried = settings(protocol, method, plan["first_seeds"][0], plan["settings"])
             means = measure(protocol, task, arm, tried, plan["first_seeds"], out, jobs)
             best = [tried[k] for k in np.argsort(means)[::-1][: plan["best"]]]
