@@ -107,10 +107,7 @@ def _complete(config: Config, out: Path, resume: bool, quiet: bool, accept: bool
         first = checkpoint.load(out / "checkpoint.npz", agent)
     changed = changes(out) if resume else []
     if changed and not accept:
-        raise UsageError(
-            f"the run in {out} was made with other versions ({', '.join(changed)}); go back to"
-            " them, or continue with --accept-versions"
-        )
+        raise other_versions(out, changed)
     if not resume:
         _write_config(config, out)
     _cut(out / "episodes.csv", first)
@@ -211,6 +208,14 @@ def changes(folder: Path | str) -> list[str]:
     content = _read_config_file(folder)
     before = [content, *content["continued"]][-1]
     return provenance.changes(before, provenance.of(read_config(folder)))
+
+
+def other_versions(folder: Path, changed: Sequence[str]) -> UsageError:
+    """The error for a run that these versions did not make."""
+    return UsageError(
+        f"the run in {folder} was made with other versions ({', '.join(changed)}); go back to"
+        " them, or continue with --accept-versions"
+    )
 
 
 def _new_agent(config: Config) -> Any:

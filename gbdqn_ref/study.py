@@ -146,10 +146,7 @@ def _check_versions(configs: Mapping[str, Config], out: Path) -> None:
     for name in configs:
         changed = runs.changes(out / name) if (out / name / "config.json").exists() else []
         if changed:
-            raise UsageError(
-                f"{out / name} was made with other versions ({', '.join(changed)}); go back to"
-                " them, or continue with --accept-versions"
-            )
+            raise runs.other_versions(out / name, changed)
 
 
 def _refuse_others(out: Path, known: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
