@@ -124,14 +124,12 @@ def _check_names(configs: Mapping[str, Config]) -> None:
 
 def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
     """UsageError if the folder holds something else, other settings, or a damaged run."""
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is not a folder; choose another --out")
     begun = [name for name in configs if (out / name / "config.json").exists()]
     if (out / "study.json").exists():
         known = files.read_json(out / "study.json", settings=(dict,))["settings"]
         wanted = _description(configs)["settings"]
         _refuse_others(out, known, {key: wanted[key] for key in wanted if key not in OWN})
-    elif out.exists() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
+    elif out.is_dir() and not begun and any(path.suffix != ".part" for path in out.iterdir()):
         raise UsageError(f"{out} is not empty and holds no study; choose another --out")
     for name in begun:
         known = runs.read_config(out / name).resolved().to_dict()
