@@ -40,7 +40,7 @@ OWN: dict[str, Any] = dict(  # the values of an agent whose row has none
 )
 RECENCY: dict[str, Any] = dict(replay="recency")
 # What to keep at a drift, and how to detect one, is our question, not the paper's (D22).
-REUSE: dict[str, Any] = dict(alpha=1.0, keep_data=0.0, keep_adam=False, drift_signal="return")
+REUSE: dict[str, Any] = dict(alpha=1.0, keep_data=0.0, keep_adam=False, drift_signal="detector")
 TWIN: dict[str, Any] = REUSE | dict(warm_start=True, zero_output=False)
 BOOSTING = ("target", "alpha", "loss_on", "zero_output", "warm_start")
 AGENTS = {

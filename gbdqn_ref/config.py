@@ -13,7 +13,7 @@ import numpy as np
 
 from . import UsageError
 from .agents import AGENTS, OWN
-from .detect import SIGNALS as DETECTED
+from .detect import SYMPTOMS
 from .presets import PRESETS
 from .schedule import FACTORS, Regime, check_environment, is_count, regimes
 
@@ -44,7 +44,7 @@ def own_or(rule: Rule) -> Rule:
     return Rule(words, lambda value: value is None or rule.holds(value), rule.breaks)
 
 
-SIGNALS = ("schedule", *DETECTED)
+SIGNALS = ("schedule", "detector")
 COUNT = whole(1, 10_000_000)
 FRACTION = Rule("a number from 0 to 1", lambda x: 0 <= x <= 1, (-0.01, 1.01, inf))
 POSITIVE = Rule("a positive finite number", lambda x: isfinite(x) and x > 0, (0.0, -1e-9, inf))
@@ -64,7 +64,7 @@ STEP_SIZE = Rule(
     (0.0, -1e-9, 1.1e6, inf, "closed"),
 )
 SIGNAL = Rule(
-    '"schedule", "return", "td_error" or a list of increasing episodes',
+    '"schedule", "detector" or a list of increasing episodes',
     lambda signal: _increasing(signal) if isinstance(signal, list) else signal in SIGNALS,
     ("drift", [3, 3], [-1], [1.5], [True]),
 )
@@ -171,7 +171,9 @@ class Config:
     epsilon_restart: Annotated[float, FRACTION] = 0.0
     """ε is raised to this at a drift or reset and falls as at the start; 0: it is not (D22)."""
     drift_signal: Annotated[str | list | None, own_or(SIGNAL)] = None
-    """What signals a drift: the schedule, falling returns, rising |δ|, or given episodes (D22)."""
+    """What signals a drift: the schedule, the agent's own detector, or given episodes (D22)."""
+    symptom: Annotated[str, one_of(*SYMPTOMS)] = "return"
+    """What the detector charts: falling returns, rising |δ|, or a model's rising error (D22)."""
     alarm_level: Annotated[float, POSITIVE] = 5.0
     """Threshold on the CUSUM statistic S above which an agent detects a drift (D22)."""
 

@@ -1,12 +1,18 @@
 """Drift detection with a CUSUM chart of one number per episode (Page 1954).
 
 Letters: x the charted number, z its distance from the reference in standard deviations, S the
-cumulative sum, k the slack. x rises when the agent gets worse: it is minus the return, or log |δ|.
+cumulative sum, k the slack. x rises when something gets worse: it is minus the return, log |δ|, or
+the log error of a model of the physics.
 """
 
 from math import log, sqrt
 
-SIGNALS = ("return", "td_error")
+import numpy as np
+
+from .nn import MLP
+from .optim import Adam
+
+SYMPTOMS = ("return", "td_error", "model")
 SLACK, LARGEST, REFERENCE = 0.5, 3.0, 30  # k, the largest z, the reference's memory in episodes
 
 
@@ -17,16 +23,6 @@ def cusum(S, z, slack=SLACK):
     (2.5, 0.0)
     """
     return max(0.0, S + z - slack)
-
-
-def symptom(signal, total, td_error):
-    """The charted number x of an episode; None if it has none.
-
-    An episode without an update has no TD error (nan).
-    """
-    if signal == "return":
-        return -total
-    return log(td_error) if td_error > 0 else None
 
 
 class Chart:
@@ -69,3 +65,69 @@ class Chart:
         self.mean += weight * away
         self.variance = (1 - weight) * (self.variance + weight * away**2)
         return None
+
+
+class TransitionModel:
+    """A network that predicts the step s' − s from s and a, and learns from each transition once.
+
+    Its error rises when the physics change, even if the return does not fall. s and s' − s are
+    divided by their root mean squares so far, coordinate by coordinate.
+    """
+
+    def __init__(self, state_dim, n_actions, rng, width=32, lr=1e-3, batch_size=32):
+        self.net = MLP((state_dim + n_actions, width, state_dim))
+        self.theta, self.adam = self.net.init(rng), Adam(self.net.size, lr)
+        self.n_actions, self.batch_size = n_actions, batch_size
+        self.n, self.squares = 0, np.zeros((2, state_dim))  # transitions, Σ s² and Σ (s' − s)²
+
+    def learn(self, s, a, s2):
+        """Learn from an episode (n, d), (n,), (n, d) in order; the mean squared error before."""
+        self.n += len(s)
+        self.squares += np.square([s, s2 - s]).sum(1)
+        of_s, of_step = np.sqrt(self.squares / self.n) + 1e-9
+        x = np.concatenate([s / of_s, np.eye(self.n_actions)[a]], 1, dtype=np.float32)
+        steps = ((s2 - s) / of_step).astype(np.float32)
+        errors = []
+        for i in range(0, len(s), self.batch_size):
+            predicted, cache = self.net.forward(self.theta, x[i : i + self.batch_size])
+            errors.append(predicted - steps[i : i + self.batch_size])
+            grad = self.net.backward(self.theta, cache, 2 * errors[-1] / errors[-1].size)
+            self.adam.step(self.theta, grad)
+        return float(np.square(np.concatenate(errors)).mean())
+
+
+class Detector:
+    """Charts one symptom per episode of an agent that stores its transitions in a replay buffer."""
+
+    def __init__(self, symptom, level, model):
+        self.symptom, self.chart, self.model = symptom, Chart(level), model
+
+    def update(self, replay, start, total, td_error):
+        """Chart the episode that began at step `start`; the step of a change, or None.
+
+        An episode without an update has no TD error (nan), and is not charted.
+        """
+        x = -total
+        if self.symptom == "td_error":
+            x = log(td_error) if td_error > 0 else None
+        elif self.symptom == "model":
+            first = max(start, replay.added - replay.capacity)
+            slots = np.arange(first, replay.added) % replay.capacity
+            x = log(self.model.learn(replay.s[slots], replay.a[slots], replay.s2[slots]))
+        return None if x is None else self.chart.update(x, start)
+
+
+class Deaf:
+    """The detector of an agent that is told of drifts."""
+
+    def update(self, replay, start, total, td_error):
+        """There is no alarm."""
+
+
+def make_detector(config, state_dim, n_actions, rng):
+    """The detector that the config names."""
+    if config.drift_signal != "detector":
+        return Deaf()
+    modelled = config.symptom == "model"
+    model = TransitionModel(state_dim, n_actions, rng) if modelled else None
+    return Detector(config.symptom, config.alarm_level, model)

@@ -25,7 +25,8 @@ class DQN:
         self.replay = make_replay(config, state_dim)
         self.steps, self.episode_start, self.learning_starts = 0, 0, config.learning_starts
         self.explored_from, self.explore = 0, config.epsilon_start  # where ε starts to fall
-        self.chart, self.alarms = detect.Chart(config.alarm_level), np.empty(0, int)
+        self.detector = detect.make_detector(config, state_dim, n_actions, rng)
+        self.alarms = np.empty(0, int)  # steps
 
     def q(self, s):
         """Q(s, ·): (…, d) → (…, A)."""
@@ -97,12 +98,10 @@ class DQN:
         td_error is nan if the episode had no update.
         """
         start, self.episode_start = self.episode_start, self.steps
-        if self.config.drift_signal in detect.SIGNALS:
-            x = detect.symptom(self.config.drift_signal, total, td_error)
-            change = None if x is None else self.chart.update(x, start)
-            if change is not None:
-                self.alarms = np.append(self.alarms, self.steps)
-                self.on_drift("drift", self.steps - change)
+        change = self.detector.update(self.replay, start, total, td_error)
+        if change is not None:
+            self.alarms = np.append(self.alarms, self.steps)
+            self.on_drift("drift", self.steps - change)
 
     def finish(self):
         """The agent to evaluate and save when training ends; self can still go on training."""

@@ -1,6 +1,7 @@
 """The chart that detects drifts: its sum, run lengths and delays."""
 
 from math import exp, inf, log, nan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 from strategies import reals
 
 from gbdqn_ref.config import Config
-from gbdqn_ref.detect import LARGEST, REFERENCE, SLACK, Chart, cusum, symptom
+from gbdqn_ref.detect import LARGEST, REFERENCE, SLACK, Chart, Detector, TransitionModel, cusum
+from gbdqn_ref.replay import UniformReplay
 from gbdqn_ref.train import announced, make_agent, run
 
 
@@ -107,17 +109,64 @@ def test_there_is_no_alarm_before_the_reference_is_known():
     assert alarms_of(Chart(0.1), [0.0] * (REFERENCE - 5) + [100.0] * 5) == []
 
 
+def charted(symptom, *episode, model=None):
+    """The number that a detector charts for an episode, or None."""
+    detector, seen = Detector(symptom, 5.0, model), [None]
+    detector.chart.update = lambda x, at: seen.append(x)
+    detector.update(*episode)
+    return seen[-1]
+
+
 def test_a_symptom_rises_when_things_get_worse():
-    assert symptom("return", -80.0, nan) == 80.0 < symptom("return", -200.0, nan)
-    assert symptom("td_error", 0.0, 2.0) == log(2.0)
-    assert symptom("td_error", 0.0, nan) is None and symptom("td_error", 0.0, 0.0) is None
+    assert charted("return", None, 0, -80.0, nan) == 80.0
+    assert charted("return", None, 0, -200.0, nan) == 200.0
+    assert charted("td_error", None, 0, 0.0, 2.0) == log(2.0)
+    assert charted("td_error", None, 0, 0.0, nan) is charted("td_error", None, 0, 0.0, 0.0) is None
+
+
+def test_a_model_is_shown_the_transitions_of_the_episode():
+    replay, seen = UniformReplay(8, 1), []
+    for k in range(11):  # the ring has wrapped around
+        replay.add([float(k)], k % 2, 0.0, [k + 0.5], False)
+    model = SimpleNamespace(learn=lambda *arrays: seen.extend(arrays) or exp(3.0))
+    assert charted("model", replay, 7, 0.0, nan, model=model) == pytest.approx(3.0)
+    s, a, s2 = seen
+    np.testing.assert_array_equal(s, [[7], [8], [9], [10]])
+    np.testing.assert_array_equal(a, [1, 0, 1, 0])
+    np.testing.assert_array_equal(s2, s + 0.5)
+
+
+def physics(rng, n, pull):
+    """Transitions of a linear world, in which action 1 pulls and action 0 pushes."""
+    s = rng.normal(size=(n, 2)) * [1.0, 100.0]
+    a = rng.integers(2, size=n)
+    return s, a, s + np.stack([0.01 * s[:, 1], pull * (2 * a - 1)], 1)
+
+
+def test_a_models_error_falls_with_learning_and_rises_when_the_physics_change():
+    """Both coordinates count, although their steps differ a hundredfold."""
+    rng = np.random.default_rng(0)
+    model = TransitionModel(2, 2, rng)
+    errors = [model.learn(*physics(rng, 200, 0.01)) for _ in range(300)]
+    assert errors[0] > 0.5 and errors[-1] < 0.02
+    assert model.learn(*physics(rng, 200, -0.01)) > 20 * errors[-1]
+
+
+def test_a_models_error_is_that_before_it_learns():
+    """By hand, on one batch: the steps in units of their root mean square, and the zero network."""
+    model = TransitionModel(1, 2, np.random.default_rng(0))
+    model.theta[...] = 0.0
+    s = np.array([[1.0], [2.0], [3.0]])
+    assert model.learn(s, np.array([0, 1, 0]), s + [[1.0], [2.0], [2.0]]) == pytest.approx(1.0)
+    assert model.learn(s, np.array([0, 1, 0]), s + [[1.0], [2.0], [2.0]]) < 1.0
+    np.testing.assert_allclose(model.squares[:, 0], [28.0, 18.0])
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn", "gbdqn-reuse", "dqn-reuse", "reset"])
 def test_an_agent_that_detects_does_not_see_the_schedule(monkeypatch, agent):
     """Its run is the same without the announced events."""
     schedule = [{"episode": 4, "length": 2}, {"episode": 7, "reset": True}]
-    config = Config(agent=agent, drift_signal="return", **SMALL | dict(schedule=schedule))
+    config = Config(agent=agent, drift_signal="detector", **SMALL | dict(schedule=schedule))
     told = [repr(record) for record in run(config)]
     monkeypatch.setattr("gbdqn_ref.train.announced", lambda *_: None)
     assert [repr(record) for record in run(config)] == told
@@ -125,7 +174,7 @@ def test_an_agent_that_detects_does_not_see_the_schedule(monkeypatch, agent):
 
 def test_the_drift_signal_decides_which_events_are_announced():
     assert announced("schedule", 4, "reset") == "reset" and announced("schedule", 4, None) is None
-    assert announced("return", 4, "drift") is None and announced("td_error", 4, "drift") is None
+    assert announced("detector", 4, "drift") is None
     assert announced([3, 4], 4, None) == "drift" and announced([3], 4, "drift") is None
     assert announced([], 4, "drift") is None
 
@@ -150,7 +199,7 @@ def fall(agent, before, after):
 
 
 def test_an_alarm_is_a_drift_and_counts_the_data_since_the_change(monkeypatch):
-    agent, told = agent_of("dqn", drift_signal="return", capacity=1000), []
+    agent, told = agent_of("dqn", drift_signal="detector", capacity=1000), []
     monkeypatch.setattr(agent, "on_drift", lambda event, fresh: told.append((event, fresh)))
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 3)
     assert alarms == [430]
@@ -159,6 +208,6 @@ def test_an_alarm_is_a_drift_and_counts_the_data_since_the_change(monkeypatch):
 
 @pytest.mark.parametrize("level", [2.0, inf])
 def test_the_chart_uses_the_alarm_level_of_the_config(level):
-    agent = agent_of("dqn", drift_signal="return", alarm_level=min(level, 1e9), capacity=1000)
+    agent = agent_of("dqn", drift_signal="detector", alarm_level=min(level, 1e9), capacity=1000)
     alarms = fall(agent, [100.0 + k % 2 for k in range(40)], [20.0] * 30)
     assert alarms == ([410] if level == 2.0 else [])

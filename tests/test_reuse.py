@@ -7,6 +7,7 @@ from helpers import SMALL, agent_of, drifts_at, feed, state_bytes, states
 from gbdqn_ref import checkpoint
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.boosting import Ensemble
+from gbdqn_ref.detect import SYMPTOMS
 from gbdqn_ref.nn import MLP
 from gbdqn_ref.reuse import PATIENCE, SHELF, WINDOW
 from gbdqn_ref.train import Config, make_agent, run
@@ -269,11 +270,10 @@ def test_returns_of_trials_are_not_charted():
     feed(agent, 10)
     agent.on_drift("drift")
     charted = []
-    agent.chart.update = lambda x, at: charted.append(x)
-    agent.config = Config(agent="gbdqn-reuse", **SMALL).resolved()
+    agent.detector.update = lambda replay, start, total, td_error: charted.append(total)
     for total in (1.0, 2.0, 3.0, 4.0):
         play(agent, total)
-    assert charted == [-4.0]
+    assert charted == [4.0]
 
 
 @pytest.mark.parametrize(("later", "again"), [(-200.0, True), (-100.0, False)])
@@ -306,7 +306,11 @@ def test_an_unrecovered_level_does_not_become_the_new_target():
 
 # --- every agent resumes under every signal -------------------------------------------------------
 
-SIGNALS = ("schedule", "return", "td_error", [3, 6])
+SIGNALS = (
+    dict(drift_signal="schedule"),
+    dict(drift_signal=[3, 6]),
+    *(dict(drift_signal="detector", symptom=symptom) for symptom in SYMPTOMS),
+)
 COMBINATIONS = [  # every pair of agent, signal and part occurs
     (agent, signal, (i + j) % 2 / 2)
     for i, agent in enumerate(sorted(AGENTS))
@@ -316,7 +320,7 @@ COMBINATIONS = [  # every pair of agent, signal and part occurs
 
 @pytest.mark.parametrize(("agent", "signal", "part"), COMBINATIONS)
 def test_every_agent_resumes_identically_under_every_signal(tmp_path, agent, signal, part):
-    values = dict(drift_signal=signal, keep_data=part, epsilon_restart=0.3, lr_factor=2.0)
+    values = dict(keep_data=part, epsilon_restart=0.3, lr_factor=2.0) | signal
     config = Config(agent=agent, alarm_level=0.5, **DRIFTING | values)
     original, records = make_agent(config), []
     for record in run(config, original):
