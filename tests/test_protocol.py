@@ -11,8 +11,11 @@ import pytest
 from gbdqn_ref import UsageError, stats
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
-from protocol import FILE, Protocol, primary, random_alarms
+from protocol import FILE, Protocol, primary, random_alarms, settings_hash
 from study import settings, tuned
+
+BASES = "acrobot", "mountaincar", "cartpole"
+METHODS = Protocol().content["tuning"]["methods"]
 
 
 @pytest.fixture(scope="module")
@@ -20,8 +23,22 @@ def protocol():
     return Protocol()
 
 
-def row(**values):
-    return {"task": "acrobot", "arm": "dqn", "seed": 2000, "code": "a"} | values
+TUNED = {task: {method: {} for method in METHODS} for task in BASES}
+
+
+@pytest.fixture(scope="module")
+def reporting():
+    """The protocol after a tuning that chose every preset's own values."""
+    return Protocol(tuned=TUNED)
+
+
+def row(protocol, **values):
+    named = {"task": "acrobot", "arm": "dqn", "seed": 2000, "code": "a"} | values
+    try:
+        settings = settings_hash(protocol.reported(named["task"], named["arm"], named["seed"]))
+    except UsageError:
+        settings = ""
+    return {"settings": settings} | named
 
 
 @pytest.mark.parametrize(
@@ -34,17 +51,33 @@ def row(**values):
         (dict(seed=2100), "not 2100"),
     ],
 )
-def test_a_row_that_is_not_in_the_protocol_is_refused(protocol, values, message):
+def test_a_row_that_is_not_in_the_protocol_is_refused(reporting, values, message):
+    rows = [row(reporting), row(reporting, seed=2001), row(reporting, **values)]
     with pytest.raises(UsageError, match=message):
-        protocol.check_rows([row(), row(seed=2001), row(**values)])
+        reporting.check_rows(rows)
 
 
-def test_a_run_counts_once_and_an_arm_has_one_version_of_the_code(protocol):
+def test_a_run_counts_once_and_an_arm_has_one_version_of_the_code(reporting):
+    first, second = row(reporting), row(reporting, seed=2001)
     with pytest.raises(UsageError, match="counted twice"):
-        protocol.check_rows([row(), row(seed=2001), row()])
+        reporting.check_rows([first, second, first])
     with pytest.raises(UsageError, match="made by code b, not a"):
-        protocol.check_rows([row(), row(seed=2001, code="b")])
-    protocol.check_rows([row(), row(seed=2099), row(arm="sliding", code="b")])
+        reporting.check_rows([first, second | {"code": "b"}])
+    last = row(reporting, seed=2099)
+    reporting.check_rows([first, last, row(reporting, arm="sliding", code="b")])
+
+
+def test_a_run_is_reported_with_the_settings_that_tuning_chose(reporting):
+    """Without a drift and on the held-out schedule too, where nothing is tuned."""
+    with pytest.raises(UsageError, match="acrobot-null is reported after acrobot is tuned"):
+        Protocol().reported("acrobot-null", "dqn", 2000)
+    tuned = Protocol(tuned=TUNED | {"acrobot": TUNED["acrobot"] | {"dqn-drop": {"lr": 0.25}}})
+    for task in ("acrobot", "acrobot-null", "acrobot-held-out"):
+        assert tuned.reported(task, "dqn", 2000).lr == 0.25
+        assert tuned.reported(task, "reuse", 2000).lr == 0.001
+    assert tuned.reported("mountaincar", "dqn", 2000).lr == 0.004
+    with pytest.raises(UsageError, match="made with other settings"):
+        tuned.check_rows([row(reporting)])
 
 
 @pytest.mark.parametrize(("purpose", "seed"), [("tune", 999), ("tune", 1020), ("explore", 200)])

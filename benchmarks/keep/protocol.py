@@ -1,28 +1,36 @@
 """The protocol of the study: what may be run, what was run, and what may be concluded.
 
 Protocol("protocol.toml") reads the file and refuses what it does not allow: a seed outside its
-range, an arm, a task or a hypothesis that is not in it, a run counted twice, a row made by other
-code.
+range, an arm, a task or a hypothesis that is not in it, a run counted twice, a row made with other
+settings or by other code.
 """
 
+import hashlib
+import json
 import tomllib
 from pathlib import Path
 
 import numpy as np
 
-from gbdqn_ref import UsageError, stats
+from gbdqn_ref import UsageError, provenance, stats
 from gbdqn_ref.config import Config
 
 FILE = Path(__file__).with_name("protocol.toml")
 
 
 class Protocol:
-    """The contents of a protocol, checked: every arm, task and part that is named exists."""
+    """The contents of a protocol, checked: every arm, task and part that is named exists.
 
-    def __init__(self, path=FILE):
+    `tuned` holds the settings that its tuning has chosen, {task: {method: settings}}.
+    """
+
+    def __init__(self, path=FILE, tuned=None):
         self.content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         for name in ("seeds", "looks", "tasks", "arms", "hypotheses"):
             setattr(self, name, self.content[name])
+        self.tuned = {} if tuned is None else tuned
+        methods = self.content["tuning"]["methods"]
+        self.method = {arm: name for name, method in methods.items() for arm in method["arms"]}
         ids = [each["id"] for each in self.hypotheses]
         if len(set(ids)) < len(ids) or len(ids) > 8:
             raise UsageError(f"a protocol has at most eight hypotheses, each once, not {ids}")
@@ -43,31 +51,36 @@ class Protocol:
         if seed is not None and not low <= seed <= high:
             raise UsageError(f"seeds to {purpose} are {low} to {high}, not {seed}")
 
-    def runs(self, task, purpose, seeds):
-        """{"ARM-SEED": Config} of every arm of a task."""
-        arms = [
-            arm
-            for arm in self.arms
-            if set(self.arms[arm]["parts"]) & set(self.tasks[task]["parts"])
-        ]
-        return {
-            f"{arm}-{seed}": self.config(task, arm, seed, purpose) for seed in seeds for arm in arms
-        }
+    def arms_of(self, task):
+        """The arms of a task, in the protocol's order."""
+        parts = set(self.tasks[task]["parts"])
+        return [arm for arm in self.arms if parts & set(self.arms[arm]["parts"])]
+
+    def reported(self, task, arm, seed):
+        """The Config of a run to report, with the settings chosen for its method on its task.
+
+        A task without a drift, or with a held-out schedule, has the settings of its own task.
+        """
+        self.check(task, arm, seed)
+        task_of_tuning = self.tasks[task].get("tuned_on", task)
+        if task_of_tuning not in self.tuned:
+            raise UsageError(f"{task} is reported after {task_of_tuning} is tuned")
+        return self.config(task, arm, seed, **self.tuned[task_of_tuning][self.method[arm]])
 
     def config(self, task, arm, seed, purpose="report", **tuned):
         """The Config of one run; `tuned` settings yield to those that define the arm."""
         self.check(task, arm, seed, purpose)
         values = tuned | self.arms[arm].get("set", {})
-        config = Config.preset(
-            self.tasks[task]["preset"], agent=self.arms[arm]["agent"], seed=seed, **tuned
-        )
+        given = self.tasks[task].get("set", {}) | tuned
+        agent = self.arms[arm]["agent"]
+        config = Config.preset(self.tasks[task]["preset"], agent=agent, seed=seed, **given)
         if values.get("drift_signal") == "random":
             values["drift_signal"] = random_alarms(config)
         return Config.from_dict(config.to_dict() | values)
 
     def check_rows(self, rows):
-        """UsageError unless each row is a reported run of the protocol, once, and all runs of an
-        arm were made by the same code.
+        """UsageError unless each row is a reported run of the protocol, once, with its settings,
+        and all runs of an arm were made by the same code.
         """
         seen, codes = set(), {}
         for row in rows:
@@ -75,6 +88,8 @@ class Protocol:
             self.check(*run)
             if run in seen:
                 raise UsageError(f"the run {run} is counted twice")
+            if row["settings"] != settings_hash(self.reported(*run)):
+                raise UsageError(f"the run {run} was made with other settings")
             first = codes.setdefault(row["arm"], row["code"])
             if row["code"] != first:
                 raise UsageError(f"the run {run} was made by code {row['code']}, not {first}")
@@ -124,3 +139,17 @@ def random_alarms(config):
 def primary(records, config):
     """The mean return of all episodes from the first event on."""
     return float(np.mean([record["return"] for record in records[config.regimes[1].start :]]))
+
+
+def settings_hash(config):
+    """A hash of every setting of a run."""
+    return _hash(config.resolved().to_dict())
+
+
+def code_hash(config):
+    """A hash of the code that makes a run; its schedule belongs to the settings."""
+    return _hash(provenance.code(config) | {"schedule": ""})
+
+
+def _hash(content):
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]

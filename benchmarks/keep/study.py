@@ -1,24 +1,28 @@
 """Run the study of the protocol, part by part. What is complete is not repeated.
 
-    python benchmarks/keep/study.py report --tasks acrobot,mountaincar --seeds 20 --jobs 2
     python benchmarks/keep/study.py tune --tasks acrobot
-    python benchmarks/keep/study.py rows --out results/keep
+    python benchmarks/keep/study.py report --tasks acrobot,acrobot-null --seeds 20 --jobs 2
+    python benchmarks/keep/study.py collect
 
-`report` and `tune` leave a study per task in the folder; `rows` reads those that are complete and
-writes one row per run: task, arm, seed, code, the primary metric and the secondary ones.
+`tune` writes the settings it chooses, and all it tried, to TASK-tuned.json in --results. `report`
+trains the arms of its tasks with them. `collect` reads the complete runs in --out into --results:
+one row per run in rows.jsonl, and the returns of the decisive arms in TASK.npz. Both commands do so
+as they go on, and a run whose row is stored is not trained again, on whatever machine.
 """
 
 import argparse
-import hashlib
 import json
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from protocol import Protocol, primary
+from protocol import FILE, Protocol, code_hash, primary, settings_hash
 
-from gbdqn_ref import files, provenance, runs, study
+from gbdqn_ref import files, runs, study
 
-EDGE = 20  # episodes at a regime's start
+RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
+EDGE, FINAL = 20, 50  # episodes at a regime's start, and at a run's end
 
 
 def settings(protocol, method, seed, count):
@@ -45,97 +49,196 @@ def tuned(config, factors):
     return values
 
 
-def row(protocol, folder, task, arm):
-    """What is kept of one complete run."""
-    config, records = runs.read_config(folder), runs.read_episodes(folder)
-    returns = np.array([record["return"] for record in records])
-    _, agent = runs.read_agent(folder)
-    ends = np.array([record["steps"] for record in records])
-    return {
-        "task": task,
-        "arm": arm,
-        "seed": config.seed,
-        "code": code(config),
-        "value": primary(records, config),
-        "first": [float(returns[r.start : r.start + EDGE].mean()) for r in config.regimes[1:]],
-        "final": float(returns[-50:].mean()),
-        "alarms": np.searchsorted(ends, getattr(agent, "alarms", [])).tolist(),
-    }
+def tune(protocol, task, out, results, pool):
+    """Choose the settings of each method on a task; write them with all that was tried."""
+    plan, path = protocol.content["tuning"], results / f"{task}-tuned.json"
+    tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    for method, content in plan["methods"].items():
+        if method in tried:
+            continue
+        arm, seeds = content["on"], plan["first_seeds"]
+        first = settings(protocol, method, seeds[0], plan["settings"])
+        means = measure(protocol, task, arm, first, seeds, out / f"{arm}-first", pool)
+        order = np.argsort(means)[::-1][: plan["best"]]
+        best, seeds = [first[k] for k in order], plan["further_seeds"]
+        further = measure(protocol, task, arm, best, seeds, out / f"{arm}-best", pool)
+        base = protocol.config(task, arm, seeds[0], "tune")
+        tried[method] = {
+            "chosen": tuned(base, best[int(np.argmax(further))]),
+            "first": [[factors, mean] for factors, mean in zip(first, means, strict=True)],
+            "best": [[int(k), mean] for k, mean in zip(order, further, strict=True)],
+        }
+        files.write_json(path, tried)
 
 
-def code(config):
-    """A hash of the code that decides a run."""
-    text = json.dumps(provenance.code(config) | {"schedule": ""}, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def report(protocol, tasks, seeds, out, jobs):
-    """Train every arm of some tasks on the first so many seeds to report."""
-    first, _ = protocol.seeds["report"]
-    for task in tasks:
-        configs = protocol.runs(task, "report", range(first, first + seeds))
-        for name, error in study.run_study(configs, out / task, jobs=jobs).items():
-            print(f"{task}, {name}: {error}")
-
-
-def tune(protocol, tasks, out, jobs):
-    """The best settings of each method on each task, written to tuned.json."""
-    plan = protocol.content["tuning"]
-    for task in tasks:
-        chosen = {}
-        for method, content in plan["methods"].items():
-            arm = content["on"]
-            tried = settings(protocol, method, plan["first_seeds"][0], plan["settings"])
-            means = measure(protocol, task, arm, tried, plan["first_seeds"], out, jobs)
-            best = [tried[k] for k in np.argsort(means)[::-1][: plan["best"]]]
-            means = measure(protocol, task, arm, best, plan["further_seeds"], out, jobs)
-            chosen[method] = best[int(np.argmax(means))]
-        files.write_json(out / f"{task}-tuned.json", chosen)
-
-
-def measure(protocol, task, arm, tried, seeds, out, jobs):
-    """The mean primary metric of each of the settings; a run that fails counts as −∞."""
+def measure(protocol, task, arm, tried, seeds, folder, pool):
+    """The mean primary metric of each of the settings; a run that diverges counts as random."""
     base = protocol.config(task, arm, seeds[0], "tune")
     configs = {
-        f"{arm}-{k}-{seed}": protocol.config(task, arm, seed, "tune", **tuned(base, factors))
+        f"{k}-{seed}": protocol.config(task, arm, seed, "tune", **tuned(base, factors))
         for k, factors in enumerate(tried)
         for seed in seeds
     }
-    folder = out / f"{task}-tuning" / f"{arm}-{len(tried)}"
-    failed = study.run_study(configs, folder, jobs=jobs)
+    failed = study.run_study(configs, folder, **pool)
     values = [
-        -np.inf if name in failed else primary(runs.read_episodes(folder / name), config)
+        diverged(config, failed[name])
+        if name in failed
+        else primary(runs.read_episodes(folder / name), config)
         for name, config in configs.items()
     ]
-    return np.reshape(values, (len(tried), len(seeds))).mean(1)
+    return np.reshape(values, (len(tried), len(seeds))).mean(1).tolist()
 
 
-def rows(protocol, out):
-    """Every complete run of the reported tasks, checked against the protocol."""
-    found = [
-        row(protocol, path.parent, path.parent.parent.name, path.parent.name.rpartition("-")[0])
-        for task in protocol.tasks
-        for path in sorted((out / task).glob("*/summary.json"))
-    ]
-    protocol.check_rows(found)
-    return found
+def diverged(config, error):
+    """What a run that diverged counts as; any other error is raised."""
+    if "DivergenceError" not in error:
+        raise RuntimeError(error)
+    return runs.random_return(config)
 
 
-def main():
+def report(protocol, store, task, seeds, out, pool):
+    """Train every arm of a task on the first so many seeds to report, and store the rows."""
+    low, _ = protocol.seeds["report"]
+    for arm in protocol.arms_of(task):
+        missing = [k for k in range(low, low + seeds) if (task, arm, k) not in store.rows]
+        configs = {f"{arm}-{k}": protocol.reported(task, arm, k) for k in missing}
+        if configs:
+            failed = study.run_study(configs, out / task / arm, **pool)
+            for name, error in failed.items():
+                config = configs[name]
+                store.add(task, arm, config, diverged_row(config, error), None)
+        store.collect(out)
+
+
+class Store:
+    """The rows of the study and the returns of its decisive arms, on disk."""
+
+    def __init__(self, protocol, folder):
+        self.protocol, self.folder = protocol, Path(folder)
+        path = self.folder / "rows.jsonl"
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        rows = [json.loads(line) for line in lines]
+        protocol.check_rows(rows)
+        self.rows = {(row["task"], row["arm"], row["seed"]): row for row in rows}
+        self.returns = {}  # {task: {"ARM-SEED": returns}}
+        for task in protocol.tasks:
+            if (self.folder / f"{task}.npz").exists():
+                with np.load(self.folder / f"{task}.npz", allow_pickle=False) as arrays:
+                    self.returns[task] = dict(arrays)
+
+    def collect(self, out):
+        """Add the runs in a folder that are complete, write everything, and drop the checkpoints.
+
+        A checkpoint is only needed to know when an agent raised alarms.
+        """
+        for path in sorted(Path(out).glob("*/*/*/summary.json")):
+            task, arm = path.parts[-4:-2]
+            config = runs.read_config(path.parent)
+            if (task, arm, config.seed) not in self.rows:
+                records = runs.read_episodes(path.parent)
+                returns = np.array([record["return"] for record in records])
+                _, agent = runs.read_agent(path.parent)
+                self.add(task, arm, config, row(config, records, returns, agent), returns)
+            (path.parent / "checkpoint.npz").unlink(missing_ok=True)
+        self.write()
+
+    def add(self, task, arm, config, measured, returns):
+        """Add one run."""
+        named = {"task": task, "arm": arm, "seed": config.seed}
+        made = {"code": code_hash(config), "settings": settings_hash(config)}
+        self.rows[task, arm, config.seed] = named | made | measured
+        if returns is not None and arm in self.protocol.content["decisive"]:
+            self.returns.setdefault(task, {})[f"{arm}-{config.seed}"] = returns.astype(np.float32)
+
+    def write(self):
+        """Write the rows in the protocol's order, and the returns; UsageError for a row that the
+        protocol does not have.
+        """
+        self.protocol.check_rows(self.rows.values())
+        tasks, arms = list(self.protocol.tasks), list(self.protocol.arms)
+        order = sorted(self.rows, key=lambda run: (tasks.index(run[0]), arms.index(run[1]), run[2]))
+        text = "".join(json.dumps(self.rows[run]) + "\n" for run in order)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        files.write_atomically(self.folder / "rows.jsonl", lambda file: file.write(text.encode()))
+        for task, returns in self.returns.items():
+            save = partial(np.savez_compressed, **dict(sorted(returns.items())))
+            files.write_atomically(self.folder / f"{task}.npz", save)
+
+
+def row(config, records, returns, agent):
+    """What is kept of one complete run, apart from its name."""
+    regimes = config.regimes[1:]
+    ends = [record["steps"] for record in records]
+    return {
+        "value": round(primary(records, config), 4),
+        "regimes": [round(float(returns[r.start : r.end].mean()), 4) for r in config.regimes],
+        "first": [round(float(returns[r.start : r.start + EDGE].mean()), 4) for r in regimes],
+        "final": round(float(returns[-FINAL:].mean()), 4),
+        "steps": ends[-1],
+        "evaluation": [record["evaluation"] for record in records if record["evaluation"]],
+        "alarms": np.searchsorted(ends, agent.alarms).tolist(),
+    }
+
+
+def diverged_row(config, error):
+    """The row of a run that diverged: it counts as the random policy and is never run again."""
+    value = round(diverged(config, error), 4)
+    count = len(config.regimes)
+    return {
+        "value": value,
+        "regimes": [value] * count,
+        "first": [value] * (count - 1),
+        "final": value,
+        "steps": 0,
+        "evaluation": [],
+        "alarms": [],
+        "diverged": error,
+    }
+
+
+def chosen(results):
+    """{task: {method: settings}} of every task that is tuned."""
+    paths = sorted(Path(results).glob("*-tuned.json"))
+    contents = {path: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+    return {
+        path.name.removesuffix("-tuned.json"): {
+            method: each["chosen"] for method, each in content.items()
+        }
+        for path, content in contents.items()
+    }
+
+
+def executor(address) -> Executor | None:
+    """A Dask cluster's executor, or None for processes of this machine."""
+    if address is None:
+        return None
+    from distributed import Client
+
+    return Client(address).get_executor()
+
+
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["report", "tune", "rows"])
+    parser.add_argument("what", choices=["tune", "report", "collect"])
     parser.add_argument("--tasks", default="acrobot,mountaincar,cartpole")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results/keep"))
-    args = parser.parse_args()
-    protocol = Protocol()
-    if args.what == "report":
-        report(protocol, args.tasks.split(","), args.seeds, args.out, args.jobs)
-    elif args.what == "tune":
-        tune(protocol, args.tasks.split(","), args.out, args.jobs)
-    else:
-        files.write_json(args.out / "rows.json", rows(protocol, args.out))
+    parser.add_argument("--dask", metavar="ADDRESS")
+    parser.add_argument("--protocol", type=Path, default=FILE)
+    parser.add_argument("--out", type=Path, default=Path("runs/keep"))
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    args = parser.parse_args(arguments)
+    args.results.mkdir(parents=True, exist_ok=True)
+    protocol = Protocol(args.protocol, chosen(args.results))
+    pool = {"jobs": args.jobs, "executor": executor(args.dask)}
+    store = Store(protocol, args.results)
+    if args.what == "collect":
+        store.collect(args.out / "reported")
+    for task in args.tasks.split(",") if args.what != "collect" else ():
+        if args.what == "tune":
+            tune(protocol, task, args.out / "tuning" / task, args.results, pool)
+        else:
+            report(protocol, store, task, args.seeds, args.out / "reported", pool)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,165 @@
+"""The study of what to keep at a drift: its program, end to end, and its fast version."""
+
+import json
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gbdqn_ref import UsageError, runs
+from gbdqn_ref import study as studies
+
+KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
+sys.path.append(str(KEEP))
+import study  # noqa: E402
+from protocol import Protocol  # noqa: E402
+
+TINY = """
+decisive = ["drop"]
+[seeds]
+tune = [1000, 1019]
+report = [2000, 2099]
+[looks]
+seeds = [2]
+error = 0.05
+[tuning]
+settings = 3
+first_seeds = [1000]
+best = 2
+further_seeds = [1001, 1002]
+shared = { lr = 4.0 }
+epsilon_restart = [0.0, 0.5]
+[tuning.methods]
+dqn = { on = "drop", arms = ["drop", "detects"] }
+[tasks.mini]
+preset = "cartpole-fast"
+parts = ["all"]
+set.episodes = 8
+set.hidden = [8]
+set.learning_starts = 20
+set.schedule = [{ episode = 3, length = 2.0 }, { episode = 6, reset = true }]
+[tasks.mini-null]
+preset = "cartpole-fast"
+parts = ["null"]
+tuned_on = "mini"
+set.episodes = 6
+set.hidden = [8]
+set.learning_starts = 20
+set.schedule = [{ episode = 3, length = 1.0 }]
+[arms.drop]
+agent = "dqn"
+set = { keep_data = 0.0 }
+parts = ["all", "null"]
+[arms.detects]
+agent = "gbdqn-reuse"
+set = { drift_signal = [4, 6] }
+parts = ["all"]
+[[hypotheses]]
+id = "H"
+says = "detection helps"
+tasks = ["mini"]
+arm = "detects"
+against = ["drop"]
+margin = 0.0
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path, monkeypatch):
+    """A function that runs the program on the tiny protocol, in a folder and a thread."""
+    monkeypatch.setattr(study, "executor", lambda _: ThreadPoolExecutor(1))
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY, encoding="utf-8")
+    folders = [f"--out={tmp_path / 'out'}", f"--results={tmp_path / 'results'}"]
+    return lambda *words: study.main([*words, f"--protocol={path}", *folders])
+
+
+def stored(tmp_path):
+    lines = (tmp_path / "results" / "rows.jsonl").read_text(encoding="utf-8").splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def test_from_tuning_to_rows(tmp_path, tiny, monkeypatch):
+    with pytest.raises(UsageError, match="reported after mini is tuned"):
+        tiny("report", "--tasks=mini", "--seeds=2")
+    tiny("tune", "--tasks=mini")
+    tried = json.loads((tmp_path / "results" / "mini-tuned.json").read_text(encoding="utf-8"))
+    first, best = (np.array([mean for _, mean in tried["dqn"][part]]) for part in ("first", "best"))
+    assert len(first) == 3 and len(best) == 2
+    kept = [k for k, _ in tried["dqn"]["best"]]
+    assert kept == np.argsort(first)[::-1][:2].tolist()
+    factors = tried["dqn"]["first"][kept[int(best.argmax())]][0]
+    assert tried["dqn"]["chosen"]["lr"] == pytest.approx(1e-3 * factors["lr"])
+
+    tiny("report", "--tasks=mini,mini-null", "--seeds=2")
+    rows = stored(tmp_path)
+    named = [(row["task"], row["arm"], row["seed"]) for row in rows]
+    assert named == [
+        *[("mini", arm, seed) for arm in ("drop", "detects") for seed in (2000, 2001)],
+        *[("mini-null", "drop", seed) for seed in (2000, 2001)],
+    ]
+    folder = tmp_path / "out" / "reported" / "mini" / "detects" / "detects-2001"
+    config, records = runs.read_config(folder), runs.read_episodes(folder)
+    assert config.lr == tried["dqn"]["chosen"]["lr"] and config.drift_signal == [4, 6]
+    returns = np.array([record["return"] for record in records])
+    assert rows[3]["value"] == pytest.approx(returns[3:].mean(), abs=1e-4)
+    assert rows[3]["regimes"] == pytest.approx(
+        [returns[:3].mean(), returns[3:6].mean(), returns[6:].mean()], abs=1e-4
+    )
+    assert rows[3]["final"] == pytest.approx(returns.mean(), abs=1e-4)
+    assert len(rows[3]["evaluation"]) == 3
+    with np.load(tmp_path / "results" / "mini.npz") as arrays:
+        assert sorted(arrays) == ["drop-2000", "drop-2001"], "of the decisive arm only"
+        np.testing.assert_allclose(arrays["drop-2001"][3:].mean(), rows[1]["value"], rtol=1e-5)
+    assert not list(tmp_path.glob("out/reported/**/checkpoint.npz"))
+
+    before = (tmp_path / "results" / "rows.jsonl").read_bytes()
+    monkeypatch.setattr(studies, "run_study", lambda *_, **__: pytest.fail("trained again"))
+    tiny("report", "--tasks=mini,mini-null", "--seeds=2")
+    tiny("collect")
+    assert (tmp_path / "results" / "rows.jsonl").read_bytes() == before
+
+
+def test_a_row_that_tuning_made_stale_is_refused(tmp_path, tiny):
+    tiny("tune", "--tasks=mini")
+    tiny("report", "--tasks=mini", "--seeds=1")
+    path = tmp_path / "results" / "mini-tuned.json"
+    tried = json.loads(path.read_text(encoding="utf-8"))
+    tried["dqn"]["chosen"]["lr"] *= 2
+    path.write_text(json.dumps(tried), encoding="utf-8")
+    with pytest.raises(UsageError, match="made with other settings"):
+        tiny("collect")
+
+
+def test_a_diverged_run_counts_as_the_random_policy(tmp_path, tiny):
+    """It has a row, so it is not drawn again; another failure ends the study."""
+    tiny("tune", "--tasks=mini")
+    path = tmp_path / "results" / "mini-tuned.json"
+    tried = json.loads(path.read_text(encoding="utf-8"))
+    tried["dqn"]["chosen"]["lr"] = 1e30
+    path.write_text(json.dumps(tried), encoding="utf-8")
+    tiny("report", "--tasks=mini-null", "--seeds=1")
+    (row,) = stored(tmp_path)
+    protocol = Protocol(tmp_path / "tiny.toml", study.chosen(tmp_path / "results"))
+    config = protocol.reported("mini-null", "drop", 2000)
+    assert "DivergenceError" in row["diverged"]
+    assert row["value"] == runs.random_return(config) and row["regimes"] == [row["value"]] * 2
+    with pytest.raises(RuntimeError, match="MemoryError"):
+        study.diverged(protocol.reported("mini-null", "drop", 2000), "MemoryError: 9 GiB")
+
+
+def test_the_fast_study_sees_the_largest_effects(tmp_path):
+    """With two seeds: who keeps the data of other physics falls behind everyone who drops them."""
+    folders = [f"--out={tmp_path / 'out'}", f"--results={tmp_path}"]
+    fast = [f"--protocol={KEEP / 'fast.toml'}", "--tasks=acrobot", "--seeds=2", *folders]
+    own = {"chosen": {}, "first": [], "best": []}
+    (tmp_path / "acrobot-tuned.json").write_text(json.dumps({"own": own}), encoding="utf-8")
+    study.main(["report", *fast])
+    lines = (tmp_path / "rows.jsonl").read_text(encoding="utf-8").splitlines()
+    values = {}
+    for row in map(json.loads, lines):
+        values.setdefault(row["arm"], []).append(row["value"])
+    for arm in ("dqn-drop", "twin-told", "reuse-told"):
+        assert np.all(np.array(values[arm]) > np.array(values["dqn"]) + 50), values
