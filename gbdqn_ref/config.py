@@ -13,7 +13,7 @@ import numpy as np
 
 from . import UsageError
 from .agents import AGENTS, OWN
-from .detect import SYMPTOMS
+from .detect import SLACK
 from .presets import PRESETS
 from .schedule import FACTORS, Regime, check_environment, is_count, regimes
 
@@ -172,7 +172,7 @@ class Config:
     """ε is raised to this at a drift or reset and falls as at the start; 0: it is not (D22)."""
     drift_signal: Annotated[str | list | None, own_or(SIGNAL)] = None
     """What signals a drift: the schedule, the agent's own detector, or given episodes (D22)."""
-    symptom: Annotated[str, one_of(*SYMPTOMS)] = "return"
+    symptom: Annotated[str, one_of(*SLACK)] = "return"
     """What the detector charts: falling returns, rising |δ|, or a model's rising error (D22)."""
     alarm_level: Annotated[float, POSITIVE] = 5.0
     """Threshold on the CUSUM statistic S above which an agent detects a drift (D22)."""

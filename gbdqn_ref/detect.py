@@ -12,11 +12,12 @@ import numpy as np
 from .nn import MLP
 from .optim import Adam
 
-SYMPTOMS = ("return", "td_error", "model")
-SLACK, LARGEST, REFERENCE = 0.5, 3.0, 30  # k, the largest z, the reference's memory in episodes
+# k by symptom: half of the shift to be found in standard deviations: a model's error shifts more
+SLACK = {"return": 0.5, "td_error": 0.5, "model": 2.0}
+LARGEST, REFERENCE = 3.0, 30  # the largest z, and the reference's memory in episodes
 
 
-def cusum(S, z, slack=SLACK):
+def cusum(S, z, slack=0.5):
     """S ← max(0, S + z − k): near 0 while z is 0 on average, and rising with z.
 
     >>> cusum(1.0, 2.0), cusum(1.0, -2.0)
@@ -38,8 +39,8 @@ class Chart:
     [None, None, 41]
     """
 
-    def __init__(self, level):
-        self.level = level
+    def __init__(self, level, slack=0.5):
+        self.level, self.slack = level, slack
         self.restart()
 
     def restart(self):
@@ -55,7 +56,7 @@ class Chart:
         if self.n >= REFERENCE:
             z = min(away / sigma, LARGEST)
             self.since = self.since if self.S else at
-            self.S, away = cusum(self.S, z), z * sigma
+            self.S, away = cusum(self.S, z, self.slack), z * sigma
             if self.level < self.S:
                 since = self.since
                 self.restart()
@@ -100,7 +101,8 @@ class Detector:
     """Charts one symptom per episode of an agent that stores its transitions in a replay buffer."""
 
     def __init__(self, symptom, level, model):
-        self.symptom, self.chart, self.model = symptom, Chart(level), model
+        self.symptom, self.model = symptom, model
+        self.chart = Chart(level, SLACK[symptom])
 
     def update(self, replay, start, total, td_error):
         """Chart the episode that began at step `start`; the step of a change, or None.

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from strategies import reals
 
 from gbdqn_ref.config import Config
-from gbdqn_ref.detect import LARGEST, REFERENCE, SLACK, Chart, Detector, TransitionModel, cusum
+from gbdqn_ref.detect import LARGEST, REFERENCE, Chart, Detector, TransitionModel, cusum
 from gbdqn_ref.replay import UniformReplay
 from gbdqn_ref.train import announced, make_agent, run
 
@@ -47,9 +47,9 @@ def test_the_sum_is_the_largest_over_all_starts(z, slack):
 
 @pytest.mark.parametrize("level", [2.0, 3.0, 4.0])
 def test_without_a_shift_alarms_are_as_rare_as_theory_predicts(level):
-    """Siegmund (1985): E N = (e^{2Δb} − 2Δb − 1) / (2Δ²), Δ = k and b = h + 1.166."""
+    """Siegmund (1985): E N = (e^{2Δb} − 2Δb − 1) / (2Δ²), Δ = k = ½ and b = h + 1.166."""
     rng, b = np.random.default_rng(0), level + 1.166
-    expected = (exp(2 * SLACK * b) - 2 * SLACK * b - 1) / (2 * SLACK**2)
+    expected = (exp(b) - b - 1) / 0.5
     lengths = [run_length(level, 0.0, rng) for _ in range(400)]
     assert np.mean(lengths) == pytest.approx(expected, rel=0.15)
 
@@ -85,7 +85,7 @@ def test_an_alarm_clears_the_reference():
 def test_a_single_value_never_raises_an_alarm():
     chart = Chart(LARGEST)
     alarms_of(chart, [k % 2 for k in range(61)])
-    assert chart.update(1e9, 61) is None and chart.S == LARGEST - SLACK
+    assert chart.update(1e9, 61) is None and chart.S == LARGEST - 0.5
     assert abs(chart.mean) < 1, "nor does it shift the reference"
 
 

@@ -7,7 +7,7 @@ from helpers import SMALL, agent_of, drifts_at, feed, state_bytes, states
 from gbdqn_ref import checkpoint
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.boosting import Ensemble
-from gbdqn_ref.detect import SYMPTOMS
+from gbdqn_ref.detect import SLACK
 from gbdqn_ref.nn import MLP
 from gbdqn_ref.reuse import PATIENCE, SHELF, WINDOW
 from gbdqn_ref.train import Config, make_agent, run
@@ -309,7 +309,7 @@ def test_an_unrecovered_level_does_not_become_the_new_target():
 SIGNALS = (
     dict(drift_signal="schedule"),
     dict(drift_signal=[3, 6]),
-    *(dict(drift_signal="detector", symptom=symptom) for symptom in SYMPTOMS),
+    *(dict(drift_signal="detector", symptom=symptom) for symptom in SLACK),
 )
 COMBINATIONS = [  # every pair of agent, signal and part occurs
     (agent, signal, (i + j) % 2 / 2)

@@ -60,7 +60,7 @@ def record(env, out, seed):
     agent = train.make_agent(config)
     shape = agent.replay.s.shape[1], agent.n_actions
     model = detect.TransitionModel(*shape, np.random.default_rng(seed))
-    parts = {symptom: detect.Detector(symptom, np.inf, model) for symptom in detect.SYMPTOMS}
+    parts = {symptom: detect.Detector(symptom, np.inf, model) for symptom in detect.SLACK}
     for part in parts.values():
         part.chart = Recorder()
     agent.detector = Detectors(parts.values())
@@ -81,16 +81,16 @@ def bootstrapped(series, first, rng):
     return values[: len(series)]
 
 
-def alarms(series, level):
+def alarms(symptom, series, level):
     """The episodes at which a chart of the series raises an alarm."""
-    chart = detect.Chart(level)
+    chart = detect.Chart(level, detect.SLACK[symptom])
     return [k for k, x in enumerate(series) if chart.update(x, k) is not None]
 
 
 def delay(series, level, at, size, floor):
     """Episodes until a fall of the return is found that costs `size` of what is above the floor."""
     fallen = [x if k < at else x + size * (-floor - x) for k, x in enumerate(series)]
-    return next((k - at + 1 for k in alarms(fallen, level) if k >= at), np.inf)
+    return next((k - at + 1 for k in alarms("return", fallen, level) if k >= at), np.inf)
 
 
 def levels(env, out):
@@ -98,13 +98,13 @@ def levels(env, out):
     first = Config.preset(env, "null").regimes[1].start
     recorded = [json.loads(path.read_text()) for path in sorted(out.glob(f"{env}-[0-9]*.json"))]
     print(f"\n{env}, {len(recorded)} runs; false alarms per run, bootstrapped and as recorded")
-    for symptom in detect.SYMPTOMS:
+    for symptom in detect.SLACK:
         rng = np.random.default_rng(0)
         known = [each[symptom] for each in recorded]
         series = [bootstrapped(known[i % len(known)], first, rng) for i in range(RUNS)]
-        rates = [np.mean([len(alarms(x, level)) for x in series]) for level in LEVELS]
+        rates = [np.mean([len(alarms(symptom, x, level)) for x in series]) for level in LEVELS]
         for level, rate in zip(LEVELS, rates, strict=True):
-            own = np.mean([len(alarms(x, level)) for x in known])
+            own = np.mean([len(alarms(symptom, x, level)) for x in known])
             found = by_size(series, level, first, FLOOR[env]) if symptom == "return" else ""
             print(f"{symptom:9} {level:3}  {rate:6.2f} {own:6.2f}  {found}")
         good = [level for level, rate in zip(LEVELS, rates, strict=True) if rate <= TARGET]
