@@ -236,7 +236,7 @@ HELD_OUT_ACROBOT: dict[str, Any] = dict(
     schedule=[
         {"episode": 170, "torque": -0.8},
         {"episode": 230, "reset": True},
-        *_gradual("gravity", 320, (1.1, 1.2, 1.3, 1.4, 1.5)),
+        *_gradual("torque", 320, (0.7, 0.4, -0.4, -0.7, -0.9)),
         {"episode": 440, "torque": -0.8, "gravity": 1.5},
         {"episode": 520, "reset": True},
         {"episode": 560, "torque": -0.8},

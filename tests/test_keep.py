@@ -10,6 +10,7 @@ import pytest
 
 from gbdqn_ref import UsageError, runs
 from gbdqn_ref import study as studies
+from gbdqn_ref.schedule import Regime
 
 KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
 sys.path.append(str(KEEP))
@@ -120,6 +121,29 @@ def test_from_tuning_to_rows(tmp_path, tiny, monkeypatch):
     tiny("report", "--tasks=mini,mini-null", "--seeds=2")
     tiny("collect")
     assert (tmp_path / "results" / "rows.jsonl").read_bytes() == before
+
+
+REGIMES = [Regime(20, 60, {}, "drift")]
+
+
+@pytest.mark.parametrize(
+    ("after", "episodes"),
+    [
+        ([1.0] * 40, 0),
+        ([2.0] * 40, 0),
+        ([0.0] * 10 + [1.0] * 30, 19),  # nine of the last ten are 1
+        ([np.nan] * 2 + [0.0] * 8 + [1.0] * 30, 20),  # interpolated to 0.67, 0.33
+        ([0.0] * 15 + [0.8] * 25, None),
+        ([1.0] * 5 + [0.0] * 20 + [1.0] * 15, 34),
+    ],
+)
+def test_recovery_is_counted_from_the_start_of_the_regime(after, episodes):
+    x = np.array([np.nan] * 5 + [1.0] * 15 + after)
+    assert study.recoveries(x, REGIMES) == [episodes]
+
+
+def test_a_regime_shorter_than_the_mean_has_no_fall():
+    assert study.recoveries(np.array([1.0] * 20 + [0.0] * 9), [Regime(20, 29, {}, "drift")]) == [0]
 
 
 def test_a_row_that_tuning_made_stale_is_refused(tmp_path, tiny):

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from protocol import FILE, Protocol, code_hash, primary, settings_hash
 
-from gbdqn_ref import files, runs, study
+from gbdqn_ref import files, runs, stats, study
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
-EDGE, FINAL = 20, 50  # episodes at a regime's start, and at a run's end
+EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
 
 
 def settings(protocol, method, seed, count):
@@ -175,9 +175,30 @@ def row(config, records, returns, agent):
         "first": [round(float(returns[r.start : r.start + EDGE].mean()), 4) for r in regimes],
         "final": round(float(returns[-FINAL:].mean()), 4),
         "steps": ends[-1],
+        "recovery": recoveries(returns, regimes),
+        "calm": recoveries(-np.array([record["td_error"] for record in records]), regimes),
         "evaluation": [record["evaluation"] for record in records if record["evaluation"]],
         "alarms": np.searchsorted(ends, agent.alarms).tolist(),
     }
+
+
+def recoveries(x, regimes):
+    """For each regime the episodes until x is back, or None; an x that does not fall needs 0.
+
+    x is back when its mean over ten episodes has made up nine tenths of its largest fall below the
+    last mean before the regime. Episodes without a value are interpolated.
+    """
+    known = np.isfinite(x)
+    x = np.interp(np.arange(len(x)), np.flatnonzero(known), x[known])
+    episodes = []
+    for regime in regimes:
+        before = x[max(0, regime.start - WINDOW) : regime.start].mean()
+        fall = before - stats.trailing_mean(x[regime.start : regime.end], WINDOW)
+        worst = int(fall.argmax()) if len(fall) else 0
+        back = np.flatnonzero(fall[worst:] <= 0.1 * fall.max(initial=0.0))
+        fell = fall.max(initial=0.0) > 0
+        episodes.append((int(back[0]) + worst + WINDOW if len(back) else None) if fell else 0)
+    return episodes
 
 
 def diverged_row(config, error):
@@ -190,6 +211,8 @@ def diverged_row(config, error):
         "first": [value] * (count - 1),
         "final": value,
         "steps": 0,
+        "recovery": [None] * (count - 1),
+        "calm": [None] * (count - 1),
         "evaluation": [],
         "alarms": [],
         "diverged": error,
