@@ -1,67 +1,141 @@
-"""Execute each notebook's source, NAME.py, and write what is read, NAME.ipynb: python
-notebooks/render.py [NAME …]
+"""Execute each notebook's source, NAME.py, and write NAME.ipynb and clean/NAME.ipynb, a
+copy without outputs: python notebooks/render.py [NAME …]
 """
 
+import json
 import os
+import re
 import sys
+from copy import deepcopy
 from pathlib import Path
 
 import jupytext
+import lesson
 import nbformat
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parent
 SOURCES = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
+LEDGER = FOLDER.parent / "paper_checks"
+CLAIMS = {
+    row["id"]
+    for row in json.loads((LEDGER / "ledger.json").read_text(encoding="utf-8"))[
+        "claims"
+    ]
+}
+DEVIATIONS = set(
+    re.findall(
+        r"^\| (D\d+) \|",
+        (LEDGER / "README.md").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
+)
+ID = re.compile(r"\b(T\d-[a-z]|[A-Z]\d+)\b")
+NOT_PROSE = re.compile(  # fenced code, code, equations, links, tags
+    r"(```.*?```|`[^`\n]*`|\$\$.*?\$\$|\$[^$\n]*\$|\[[^\]]*\]\([^)]*\)|<[^>\n]*>)",
+    re.DOTALL,
+)
+# tag: JupyterLab's key
+HIDDEN = {"predicted": "outputs_hidden", "solution": "source_hidden"}
+PATH = """import sys
+
+sys.path.insert(0, "..")  # where lesson, exercises and pictures are
+
+"""
 
 
 def read(path):
-    """The cells of a source in percent format, as a notebook without outputs, the same for the same
-    text.
+    """A source in percent format as a notebook without outputs.
+
+    Ids of claims and deviations become links. Tags hide what is to be guessed first.
     """
     notebook = jupytext.read(path)
     notebook.metadata = {
-        "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}
+        "kernelspec": {
+            "name": "python3",
+            "display_name": "Python 3",
+            "language": "python",
+        }
     }
     notebook.metadata["language_info"] = {"name": "python"}
     notebook.nbformat_minor = 5
     for k, cell in enumerate(notebook.cells):
         cell["id"] = f"cell-{k}"
+        if cell.cell_type == "markdown":
+            cell.source = linked(cell.source)
+        for tag in cell.metadata.get("tags", []):
+            if tag in HIDDEN:
+                cell.metadata["jupyter"] = {HIDDEN[tag]: True}
     return notebook
 
 
-def execute(notebook):
-    """Run all cells in the folder of the notebooks; an exception in one of them is raised here.
+def linked(text):
+    """Markdown with each id of a claim or a deviation as a link to the ledger's page.
 
-    Cells with a slider are left out: what they show is dead without a kernel, and waiting for it
-    sometimes never ends.
+    >>> linked("By T1-a and D6, but not `D6`, $B1$ or Z9.")[:47]
+    'By [T1-a](../paper_checks/README.md#t1-a) and ['
+    """
+
+    def link(found):
+        known = found[0] in CLAIMS | DEVIATIONS
+        return (
+            f"[{found[0]}](../paper_checks/README.md#{found[0].lower()})"
+            if known
+            else found[0]
+        )
+
+    parts = NOT_PROSE.split(text)
+    parts[::2] = [ID.sub(link, part) for part in parts[::2]]
+    return "".join(parts)
+
+
+def execute(notebook):
+    """Run all cells in the folder of the notebooks; an exception in one is raised here.
+
+    Cells with a slider are left out: what they show is dead without a kernel, and
+    waiting for it sometimes never ends.
     """
     os.environ["JUPYTER_PLATFORM_DIRS"] = (
-        "1"  # or jupyter_core warns that it will look elsewhere one day
+        "1"  # or jupyter_core warns of a change to come
     )
-    options = dict(
-        timeout=600, skip_cells_with_tag="slider", coalesce_streams=True
-    )  # or prints are cut by chance
-    return NotebookClient(
-        notebook, resources={"metadata": {"path": str(FOLDER)}}, **options
-    ).execute()
+    options = dict(timeout=600, skip_cells_with_tag="slider", coalesce_streams=True)
+    resources = {"metadata": {"path": str(FOLDER)}}
+    return NotebookClient(notebook, resources=resources, **options).execute()
 
 
-def clean(notebook):
+def steady(notebook):
     """Take away what differs from one run to the next: times and progress bars."""
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
-            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+            cell.outputs = [
+                output for output in cell.outputs if output.get("name") != "stderr"
+            ]
     return notebook
+
+
+def clean(notebook):
+    """A copy without outputs, in clean/, for viewers that cannot hide them."""
+    copy = deepcopy(notebook)
+    code = [cell for cell in copy.cells if cell.cell_type == "code"]
+    for cell in code:
+        cell.outputs, cell.execution_count = [], None
+    code[0].source = PATH + code[0].source
+    for cell in copy.cells:
+        if cell.cell_type == "markdown":
+            cell.source = re.sub(r"\]\((?=\.\./|README\.md)", "](../", cell.source)
+    return copy
 
 
 def main(names):
     """Render the named notebooks, or all."""
+    (FOLDER / "clean").mkdir(exist_ok=True)
     for path in [FOLDER / f"{name}.py" for name in names] or SOURCES:
-        print(path.stem, flush=True)
-        notebook = clean(execute(read(path)))
+        notebook = steady(execute(read(path)))
+        print(f"{path.stem}: {lesson.minutes(notebook)} minutes", flush=True)
         nbformat.validate(notebook)
         nbformat.write(notebook, path.with_suffix(".ipynb"))
+        nbformat.write(clean(notebook), FOLDER / "clean" / f"{path.stem}.ipynb")
 
 
 if __name__ == "__main__":

@@ -230,13 +230,15 @@ def markers(place):
 
 
 def cited(text):
-    """The claims that a notebook's text cites.
+    """The claims that a notebook's Markdown cells cite.
 
-    >>> sorted(cited("falls (claims T1-a, M3). By Eq. 4, M9 (claim C1, D5)"))
-    ['C1', 'M3', 'T1-a']
+    >>> sorted(cited("%% [markdown]\\nfalls (T1-a, M3), not `M4` or $B2$ (D5)\\n%%\\nC1 = 0"))
+    ['M3', 'T1-a']
     """
-    after = " ".join(re.findall(r"\bclaims? ([^.;:)]*)", text))
-    return set(re.findall(r"\b[MRWPABCXK]\d+\b|\bT\d-\w", after))
+    cells = re.split(r"^(?:# )?%%", text, flags=re.M)
+    prose = " ".join(cell for cell in cells if cell.startswith(" [markdown]"))
+    prose = re.sub(r"`[^`]*`|\$[^$]*\$", "", prose)
+    return set(re.findall(r"\b[MRWPABCXK]\d+\b|\bT\d-[a-z]\b", prose))
 
 
 CITED = {name: cited(text) for name, text in NOTEBOOKS.items()}

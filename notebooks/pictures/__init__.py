@@ -1,0 +1,1 @@
+"""The pictures: a module for each notebook, a function for each picture."""
