@@ -68,7 +68,10 @@ def step(room, action, goal):
 
 
 def corridor(goal, gamma=GAMMA):
-    """The same world as an MDP; the goal is terminal.
+    """The same world as an MDP. The goal is terminal: its row of Q is 0.
+
+    A Q that was learnt for another goal needs Q[goal] = 0 before a backup, or the old
+    value of that room stands for the end.
 
     >>> corridor(9).q_star()[8].round(2).tolist()
     [-2.71, -1.0]
@@ -78,6 +81,17 @@ def corridor(goal, gamma=GAMMA):
         room2, reward = (room, 0.0) if room == goal else step(room, action, goal)[:2]
         P[room, action, room2], r[room, action] = 1, reward
     return MDP(P, r, gamma)
+
+
+def right_rooms(Q, goal):
+    """In how many of the nine other rooms the way to the goal has the larger Q.
+
+    >>> right_rooms(corridor(9).q_star(), 9), right_rooms(corridor(9).q_star(), 0)
+    (9, 0)
+    """
+    rooms = np.delete(np.arange(ROOMS), goal)
+    way = np.where(rooms < goal, RIGHT, LEFT)
+    return int((Q[rooms, way] > Q[rooms, 1 - way]).sum())
 
 
 # What a page shows

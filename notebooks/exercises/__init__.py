@@ -19,11 +19,17 @@ def call(attempt, *case):
     return attempt(*case)
 
 
+def called(name, *case):
+    """How most exercises' cases are named."""
+    return f"{name}({', '.join(map(plain, case))})"
+
+
 class Exercise(NamedTuple):
     """One stub, its solution, and `mistakes`: {sentence that names it: function}.
 
     `cases` are tuples of arguments, from small to large. `run(attempt, *case)` gives
-    what is compared; None means that nothing is written yet.
+    what is compared; None means that nothing is written yet. `say(name, *case)` names a
+    case.
     """
 
     name: str
@@ -32,6 +38,7 @@ class Exercise(NamedTuple):
     mistakes: dict[str, Callable]
     cases: list[tuple]
     run: Callable = call
+    say: Callable = called
 
 
 class Raised(NamedTuple):
@@ -69,7 +76,7 @@ def judge(exercise, attempt):
     if not wrong:
         return "right."
     case = exercise.cases[wrong[0]]
-    example = f"{exercise.name}({', '.join(map(plain, case))})"
+    example = exercise.say(exercise.name, *case)
     if isinstance(found[wrong[0]], Raised):
         example += f" raises {found[wrong[0]].error}."
     else:
@@ -101,7 +108,7 @@ def same(a, b):
     (False, False)
     """
     if isinstance(a, Raised) or isinstance(b, Raised):
-        return a == b
+        return type(a) is type(b) and a == b
     if a is None or b is None:
         return a is b
     if isinstance(a, (tuple, list)) and isinstance(b, (tuple, list)):

@@ -6,7 +6,7 @@ from matplotlib.patches import Rectangle
 ROOMS = 10
 
 
-def draw(axis, values, goal, policy=None, colour="#0072B2", span=None, text="{:.1f}"):
+def draw(axis, values, goal, policy=None, colour="0.3", span=None, text="{:.1f}"):
     """A row of rooms, each with its value, and shaded by its size as a part of `span`.
 
     `policy` has an action for each room, 0 left and 1 right, drawn as an arrow below;

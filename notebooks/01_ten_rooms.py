@@ -1,0 +1,348 @@
+# %% [markdown]
+# # 1 · Ten rooms
+#
+# After this notebook you can compute Q on ten rooms, by hand and by walking, and say
+# what the TD error shows when the goal moves, and what it does not.
+#
+# *Time: 20 minutes. Needs: Python, and the geometric series. With the paper open:
+# section “Introduction”, first two paragraphs.*
+
+# %%
+import numpy as np
+from exercises import check, solution
+from lesson import GAMMA, LEFT, RIGHT, ROOMS, corridor, right_rooms, show
+from pictures import ten_rooms as pictures
+
+from gbdqn_ref.tabular import MDP
+
+# %% [markdown]
+# ## The rooms
+#
+# You stand in one of ten rooms in a row. You can go left or right. Every step costs 1.
+# One room is the goal, and when you reach it the walk is over.
+#
+#     room    0    1    2    3    4    5    6    7    8    9
+#                                                         goal
+#
+# The field has words for this, and we shall use them all the time.
+#
+# - Your room is the **state** $s$.
+# - Left and right are the **actions** $a$.
+# - The −1 that a step costs is the **reward** $r$.
+# - One step is a **transition**: from $s$, by $a$, for $r$, to the next state $s'$.
+# - The goal is a **terminal state**: nothing comes after it.
+# - The walk from the start to the end is an **episode**.
+
+
+# %%
+def step(room, action, goal):
+    """Walk one room: (next room, reward, whether that is the end)."""
+    room2 = room + 1 if action == RIGHT else room - 1
+    room2 = min(max(room2, 0), ROOMS - 1)  # there is a wall at either end
+    return room2, -1.0, room2 == goal
+
+
+print(step(8, RIGHT, goal=9), step(0, LEFT, goal=9))
+
+# %% [markdown]
+# ## What a walk is worth
+#
+# The **return** of a walk is the sum of its rewards. A reward that comes later counts
+# less: the next one in full, the one after it 0.9 as much, then 0.81, and so on. The
+# factor γ = 0.9 is the **discount**.
+#
+# $$G = r_1 + \gamma\, r_2 + \gamma^2 r_3 + \dots$$
+#
+# From room 6 you walk three steps: −1 − 0.9 − 0.81 = −2.71.
+#
+# **Exercise 1.** Write the return down as a function. Run the cell as it is, and you
+# see what the checker says. Then replace the dots.
+
+
+# %%
+def discounted(rewards, gamma):
+    """The sum of the rewards, the k-th of them times γ to the k, k = 0, 1, …"""
+    ...  # yours
+
+
+discounted = check("discounted", discounted)
+print(f"{discounted([-1, -1, -1], GAMMA):.2f}")
+
+# %%
+solution("discounted")
+
+# %% [markdown]
+# A **policy** says which action to take in each state. Here the best one needs no
+# thought: go right.
+#
+# > **Predict.** Another policy always goes left. It never reaches the goal. What is its
+# > return?
+#
+# <details><summary>Answer</summary>
+#
+# A reward of −1 for ever: −1 − γ − γ² − … = −1/(1 − γ) = −10. The discount makes even
+# an endless walk's return finite, and no walk in this corridor can be worse.
+#
+# </details>
+
+# %%
+assert np.isclose(discounted([-1] * 500, GAMMA), -10)
+
+# %% [markdown]
+# ## Q
+#
+# **Q(s, a)** is the return that you get if you take action $a$ in state $s$, and do the
+# best you can from then on. If you know Q, you know what to do: take the action whose Q
+# is largest. Such a policy is called **greedy**.
+#
+# > **Predict.** Q(8, right) is −1: one step, and you are there. What is Q(8, left)?
+#
+# <details><summary>Answer</summary>
+#
+# You go to room 7, which is two steps from the goal: −1 + 0.9 · (−1 − 0.9) = −2.71.
+#
+# </details>
+#
+# The answer used the Q of room 7. In general, Q in one room follows from Q in the next:
+#
+# $$Q(s, a) = r + \gamma \max_{a'} Q(s', a'),
+#   \qquad\text{or just } r \text{ if } s' \text{ is terminal.}$$
+#
+# In words: what the step costs, and then the best that the next room offers. The
+# right-hand side is called the **target**, $y$. A target that contains an estimate of Q
+# is said to **bootstrap**.
+#
+# **Exercise 2.** Write the target.
+
+
+# %%
+def target(reward, terminated, q_next, gamma):
+    """y, where q_next holds Q(s′, ·) and terminated says that s′ is terminal."""
+    ...  # yours
+
+
+target = check("target", target)
+
+# %%
+solution("target")
+
+# %% [markdown]
+# Start with Q = 0 everywhere, replace each Q(s, a) by its target, and do so again and
+# again, until nothing changes. The Q that is its own target is the exact one, Q*.
+
+
+# %%
+def sweep(Q, goal):
+    """Every Q(s, a) replaced by its target."""
+    new = np.zeros((ROOMS, 2))
+    for room in range(ROOMS):
+        for action in (LEFT, RIGHT):
+            if room != goal:
+                room2, reward, terminated = step(room, action, goal)
+                new[room, action] = target(reward, terminated, Q[room2], GAMMA)
+    return new
+
+
+Q, sweeps = np.zeros((ROOMS, 2)), 0
+while (sweep(Q, goal=9) != Q).any():
+    Q, sweeps = sweep(Q, goal=9), sweeps + 1
+    print(f"{sweeps:2}: Q(0, right) = {Q[0, RIGHT]:.3f}, Q(8, left) = {Q[8, LEFT]:.2f}")
+
+q_old = corridor(9).q_star()  # the same world, as all notebooks have it
+assert np.allclose(Q, q_old)
+
+# %%
+show(
+    pictures.q_and_policy(q_old, goal=9),
+    alt="Q of both actions in the rooms 0 to 8. Right is worth more than left in each, "
+    "and both rise towards the goal in room 9. Below, an arrow to the right in each.",
+)
+
+# %% [markdown]
+# ## Learning by walking
+#
+# So far we knew where each step leads. An agent does not. It walks, and each transition
+# tells it about one pair $(s, a)$. The target minus what Q says now is the **TD error**
+# (TD stands for temporal difference):
+#
+# $$\delta = y - Q(s, a), \qquad Q(s, a) \leftarrow Q(s, a) + \text{rate} \cdot \delta .$$
+#
+# The **learning rate** says how far Q moves towards the target: with 0.5, half the way.
+#
+# **Exercise 3.** Write this update.
+
+
+# %%
+def update(Q, room, action, y, rate):
+    """Move Q[room, action] towards y, in place."""
+    ...  # yours
+
+
+update = check("update", update)
+
+# %%
+solution("update")
+
+# %% [markdown]
+# Which action should it take meanwhile? Mostly the greedy one. But an agent that is
+# always greedy learns nothing about what it never tries, so one action in five is
+# random.
+
+
+# %%
+def live(Q, goal, episodes, rng):
+    """Walk and learn for some episodes of at most 100 steps, from random rooms."""
+    for _ in range(episodes):
+        room = rng.choice([r for r in range(ROOMS) if r != goal])
+        for _ in range(100):
+            action = rng.integers(2) if rng.random() < 0.2 else Q[room].argmax()
+            room2, reward, terminated = step(room, action, goal)
+            y = target(reward, terminated, Q[room2], GAMMA)
+            update(Q, room, action, y, rate=0.5)
+            room = room2
+            if terminated:
+                break
+
+
+# %% [markdown]
+# `right_rooms(Q, goal)` counts the rooms in which the way to the goal has the larger Q:
+# nine at best.
+#
+# > **Predict.** After how many episodes does it go the right way from all nine rooms:
+# > 1, 10, 100, 1,000?
+
+# %% tags=["predicted"]
+print("episodes  ", *(f"{n:4}" for n in (1, 5, 10, 20, 50, 100)))
+for seed in range(5):
+    rng, Q, lived, found = np.random.default_rng(seed), np.zeros((ROOMS, 2)), 0, []
+    for episodes in (1, 5, 10, 20, 50, 100):
+        live(Q, 9, episodes - lived, rng)
+        lived = episodes
+        found.append(right_rooms(Q, 9))
+    print(f"seed {seed}    ", *(f"{n:4}" for n in found))
+    assert found[-1] == 9
+
+# %% [markdown]
+# ## The goal moves
+#
+# You know the way. Then, overnight, the goal moves to room 0, and nobody tells you. A
+# change of the world while an agent lives in it is called a **drift**.
+#
+# > **Predict.** In how many of the nine rooms outside the new goal does the old Q still
+# > prefer the right action? And where will the TD error show that something has
+# > changed? Name the rooms.
+
+# %% tags=["predicted"]
+delta = np.zeros((ROOMS, 2))
+for room in range(1, ROOMS):  # room 0 is the goal now
+    for action in (LEFT, RIGHT):
+        room2, reward, terminated = step(room, action, goal=0)
+        y = target(reward, terminated, q_old[room2], GAMMA)
+        delta[room, action] = y - q_old[room, action]
+
+seen = np.flatnonzero(np.abs(delta).max(1) > 1e-9)
+print("rooms in which the old Q is right:", right_rooms(q_old, 0))
+print("rooms in which a TD error shows:  ", seen.tolist())
+print("δ(1, left), δ(9, left), δ(9, right):", delta[[1, 9, 9], [0, 0, 1]].round(2))
+assert right_rooms(q_old, 0) == 0 and seen.tolist() == [1, 9]
+
+# %%
+old = [RIGHT] * 9 + [None]
+new = [None] + [LEFT] * 9
+show(
+    pictures.errors_and_policies(delta, old, new, goal=0),
+    alt="TD errors of the old Q, now that the goal is room 0: a large positive one "
+    "in room 1 for going left, two negative ones in room 9, none in the rooms between. "
+    "Below, the best action was right in all rooms and is left in all rooms now.",
+)
+
+# %% [markdown]
+# Every room has to turn around, and only two of them notice. In room 1 going left is a
+# good surprise. In room 9, where the walk used to end, every step is a bad one. In room
+# 5 nothing seems wrong: its Q agrees with the Q of rooms 4 and 6, and these are as
+# outdated as itself. **The TD error looks one step ahead. It shows where Q contradicts
+# itself, not where Q is wrong.** The news must travel from room to room.
+#
+# ## How much a TD error tells
+#
+# Drift can also be silent. The paper concludes that “non-trivial model drift
+# necessarily induces a positive TD-error signal” (section “Conclusions”). Take one
+# state and one action. Before: a reward of 1 at every step, for ever. After: a reward
+# of 2, and the end. At γ = ½ both are worth 2.
+
+# %%
+q_before = 1 / (1 - 0.5)
+y = target(2.0, True, [q_before], 0.5)
+print("TD error after the change:", y - q_before)
+assert y - q_before == 0
+
+# %% [markdown]
+# Another world, and no TD error (C1). And as in room 9 it can be negative. What does
+# hold is a bound in both directions (C2). Write $\Delta Q^*$ for the change of Q*, and
+# $\lVert x \rVert_\infty$ for the largest absolute entry of $x$, the **sup norm**.
+# Then, for the TD errors $\delta$ of the old Q* in the new world, over all states and
+# actions,
+#
+# $$(1 - \gamma)\,\lVert \Delta Q^* \rVert_\infty \;\le\; \lVert \delta \rVert_\infty
+#   \;\le\; (1 + \gamma)\,\lVert \Delta Q^* \rVert_\infty .$$
+#
+# <details><summary>Proof</summary>
+#
+# Let $T$ be the sweep of the new world, so that $T Q^*_{new} = Q^*_{new}$. Then
+# $\delta = T Q^*_{old} - Q^*_{old} = (T Q^*_{old} - T Q^*_{new}) + \Delta Q^*$. A sweep
+# multiplies differences of Q by γ and takes maxima and means, so the bracket is at most
+# $\gamma \lVert \Delta Q^* \rVert_\infty$. The triangle inequality gives both sides.
+#
+# </details>
+#
+# At γ = 0.9 the two sides are a factor of 19 apart. So a TD error of 1 may mean that Q*
+# has moved by 0.53 or by 10. We try it on random worlds, and on one where the lower
+# bound is reached: every step costs 2 in place of 1.
+
+# %%
+rng = np.random.default_rng(0)
+
+
+def random_world():
+    return MDP(rng.dirichlet(np.ones(3), size=(3, 2)), rng.normal(size=(3, 2)), GAMMA)
+
+
+for _ in range(100):
+    before, after = random_world(), random_world()
+    moved = np.abs(after.q_star() - before.q_star()).max()
+    shown = np.abs(after.residual(before.q_star())).max()
+    assert (1 - GAMMA) * moved - 1e-9 <= shown <= (1 + GAMMA) * moved + 1e-9
+
+before = random_world()
+dearer = MDP(before.P, before.r - 1, GAMMA)
+moved = np.abs(dearer.q_star() - before.q_star()).max()
+shown = np.abs(dearer.residual(before.q_star())).max()
+print(
+    f"every reward 1 less: Q* moves by {moved:.2f}, the largest TD error is {shown:.2f}"
+)
+assert np.isclose(shown, (1 - GAMMA) * moved)
+assert (dearer.q_star().argmax(1) == before.q_star().argmax(1)).all()
+
+# %% [markdown]
+# In that last world every value moved by 10, and no action changed: what is added
+# everywhere is no reason to act differently. **A drift of the values need not be a
+# drift of the policy.** An experiment can tell methods apart only if its drifts change
+# what to do.
+#
+# ## With the paper open
+#
+# The introduction calls Q a value function, our drift “model drift”, and says that it
+# leaves old value functions “systematically biased”. In this corridor you have seen the
+# bias (eight rooms that point the wrong way, one without a preference) and how little
+# of it the TD error shows. The paper's $Q$, $r$, $\gamma$ and $\max_{a'}$ are ours.
+
+# %% [markdown]
+# ## Summary
+#
+# Q(s, a) is the return of taking $a$ in $s$ and acting well afterwards. An agent learns
+# it by moving Q towards the target $y = r + \gamma \max_{a'} Q(s', a')$, or $y = r$ at
+# the end. When the goal moves, all nine rooms must turn, but the TD error shows in two.
+# In the next notebook you decide what to do with the old Q: write over it, or freeze
+# it.
+#
+# [contents](README.md) · [2 →](02_forty_lines.ipynb)

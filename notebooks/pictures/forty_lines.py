@@ -1,0 +1,70 @@
+"""Notebook 2."""
+
+import numpy as np
+from lesson import COLOUR, FROZEN, LEARNER, plt
+
+from . import rooms
+
+
+def two_parts(frozen, h):
+    """Q as the sum of a frozen part and h, for each room and action."""
+    size = dict(figsize=(7, 3), sharex=True, sharey=True)
+    figure, axes = plt.subplots(1, 2, **size)
+    places = np.arange(rooms.ROOMS)
+    for action, axis in enumerate(axes):
+        axis.plot(frozen[:, action], "o", color=FROZEN, label="frozen")
+        for room in places:
+            start, end = frozen[room, action], frozen[room, action] + h[room, action]
+            if abs(end - start) > 0.2:
+                style = dict(arrowstyle="-|>", color=LEARNER, linewidth=1.5)
+                axis.annotate("", (room, end), (room, start), arrowprops=style)
+        total = frozen[:, action] + h[:, action]
+        axis.plot(total, "_", color=LEARNER, markersize=13, label="frozen + h")
+        axis.set(xlabel="room", title=f"Q(s, {('left', 'right')[action]})")
+        axis.set_xticks(places)
+    axes[0].plot([], [], color=LEARNER, label="h")
+    axes[0].set_ylabel("Q")
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=3
+    )
+    return figure
+
+
+def turning(episodes, on, frozen, letter):
+    """How many rooms are right after the drift, for three agents."""
+    figure, axis = plt.subplots(figsize=(7, 2.9))
+    axis.plot(episodes, on, color=COLOUR["dqn"], linewidth=6, alpha=0.4, label="go on")
+    axis.plot(episodes, frozen, color=COLOUR["gbdqn"], label="freeze")
+    letter_line = dict(color=COLOUR["gbdqn"], linestyle="--")
+    axis.plot(episodes, letter, **letter_line, label="freeze, to the letter")
+    axis.set(xlabel="episodes after the drift", ylabel="rooms that are right")
+    axis.set(xscale="log", ylim=(-0.3, 9.3), yticks=[0, 3, 6, 9])
+    axis.set(xticks=[1, 10, 100], xticklabels=["1", "10", "100"])
+    axis.legend(loc="center right")
+    return figure
+
+
+def boosters(counts):
+    """How many rooms are right after each perfect booster: {label: counts}."""
+    figure, axis = plt.subplots(figsize=(7, 2.9))
+    for (label, found), line in zip(counts.items(), ("-", "--"), strict=True):
+        axis.step(range(len(found)), found, line, where="post", label=label)
+        axis.lines[-1].set_color(COLOUR["gbdqn"])
+        axis.plot(len(found) - 1, found[-1], "o", color=COLOUR["gbdqn"])
+        axis.text(len(found) - 1, 9.4, len(found) - 1, ha="center")
+    axis.set(
+        xlabel="perfect boosters, one for each drift", ylabel="rooms that are right"
+    )
+    axis.set(ylim=(-0.3, 10.5), yticks=[0, 3, 6, 9])
+    axis.legend(loc="center right")
+    return figure
+
+
+def after(Q, goal, title):
+    """The rooms with the greedy policy; no arrow where both actions are equal."""
+    figure, axis = plt.subplots(figsize=(7, 1.4))
+    tie = np.isclose(Q[:, 0], Q[:, 1])
+    policy = np.where(tie, None, Q.argmax(1))
+    rooms.draw(axis, Q.max(1), goal, policy, span=10)
+    axis.set_title(title)
+    return figure
