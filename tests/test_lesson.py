@@ -1,6 +1,8 @@
 """The course as a course: its order, its words, its times, its pictures, its exercises."""
 
+import inspect
 import re
+import subprocess
 import sys
 from itertools import pairwise, takewhile
 from pathlib import Path
@@ -248,6 +250,31 @@ def test_the_corridor_is_one_world(goal):
             assert mdp.P[room, action, room2] == 1 and mdp.r[room, action] == reward
             assert terminated == (room2 == goal)
     assert (mdp.q_star()[goal] == 0).all()
+
+
+# The reader's forty lines
+
+
+def test_the_forty_lines_are_what_the_notebooks_show():
+    """One file with the code of notebooks 1 and 2 and the solution between them."""
+    file = (FOLDER / "forty_lines.py").read_text(encoding="utf-8")
+    parts = dict(re.findall(r"^(?:class|def) (\w+).*?:\n((?:    .*\n|\n)+)", file, re.MULTILINE))
+    assert set(parts) == {"step", "Boosted", "train"}
+    for name, part in (("01_ten_rooms", "step"), ("02_forty_lines", "train")):
+        assert parts[part].rstrip() in (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    assert inspect.getsource(EXERCISES["Boosted"].solution).endswith(
+        parts["Boosted"].rstrip() + "\n"
+    )
+
+
+def test_the_forty_lines_run_and_are_forty():
+    """Without blank lines, comments, docstrings and the last part, which prints."""
+    path = FOLDER / "forty_lines.py"
+    code = path.read_text(encoding="utf-8").split("if __name__")[0]
+    assert len(re.findall(r'^(?! *(?:#|""")).*\S', code, re.MULTILINE)) <= 40
+    ran = subprocess.run([sys.executable, path], capture_output=True, text=True, check=True)
+    counts = [int(line.split(": ")[1].split()[0]) for line in ran.stdout.splitlines()]
+    assert counts == [9, 9, 0]
 
 
 # The links

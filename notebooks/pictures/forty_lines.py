@@ -38,8 +38,9 @@ def turning(episodes, on, frozen, letter):
     letter_line = dict(color=COLOUR["gbdqn"], linestyle="--")
     axis.plot(episodes, letter, **letter_line, label="freeze, to the letter")
     axis.set(xlabel="episodes after the drift", ylabel="rooms that are right")
-    axis.set(xscale="log", ylim=(-0.3, 9.3), yticks=[0, 3, 6, 9])
-    axis.set(xticks=[1, 10, 100], xticklabels=["1", "10", "100"])
+    axis.set_xscale("symlog", linthresh=1)
+    axis.set(ylim=(-0.3, 9.3), yticks=[0, 3, 6, 9], xlim=(0, None))
+    axis.set(xticks=[0, 1, 10, 100], xticklabels=["0", "1", "10", "100"])
     axis.legend(loc="center right")
     return figure
 
@@ -48,15 +49,14 @@ def boosters(counts):
     """How many rooms are right after each perfect booster: {label: counts}."""
     figure, axis = plt.subplots(figsize=(7, 2.9))
     for (label, found), line in zip(counts.items(), ("-", "--"), strict=True):
-        axis.step(range(len(found)), found, line, where="post", label=label)
-        axis.lines[-1].set_color(COLOUR["gbdqn"])
-        axis.plot(len(found) - 1, found[-1], "o", color=COLOUR["gbdqn"])
-        axis.text(len(found) - 1, 9.4, len(found) - 1, ha="center")
+        last = len(found) - 1
+        axis.step(range(last + 1), found, line, where="post", color=COLOUR["gbdqn"])
+        axis.plot(last, found[-1], "o", color=COLOUR["gbdqn"])
+        axis.text(last, 9.5, f"{last} at {label}", ha="center")
     axis.set(
         xlabel="perfect boosters, one for each drift", ylabel="rooms that are right"
     )
-    axis.set(ylim=(-0.3, 10.5), yticks=[0, 3, 6, 9])
-    axis.legend(loc="center right")
+    axis.set(ylim=(-0.3, 10.5), yticks=[0, 3, 6, 9], xlim=(-1, 90))
     return figure
 
 
