@@ -32,6 +32,7 @@ from gbdqn_ref.tabular import MDP
 # - One step is a **transition**: from $s$, by $a$, for $r$, to the next state $s'$.
 # - The goal is a **terminal state**: nothing comes after it.
 # - The walk from the start to the end is an **episode**.
+# - Whatever walks, and learns from its walks, is called an **agent**.
 
 
 # %%
@@ -47,9 +48,9 @@ print(step(8, RIGHT, goal=9), step(0, LEFT, goal=9))
 # %% [markdown]
 # ## What a walk is worth
 #
-# The **return** of a walk is the sum of its rewards. A reward that comes later counts
-# less: the next one in full, the one after it 0.9 as much, then 0.81, and so on. The
-# factor γ = 0.9 is the **discount**.
+# The **return** of a walk is the sum of its rewards, where later ones count less. The
+# first reward counts in full, the second 0.9 as much, the third 0.81 as much, and so
+# on. The factor γ = 0.9 is the **discount**.
 #
 # $$G = r_1 + \gamma\, r_2 + \gamma^2 r_3 + \dots$$
 #
@@ -161,9 +162,9 @@ show(
 # %% [markdown]
 # ## Learning by walking
 #
-# So far we knew where each step leads. An agent does not. It walks, and each transition
-# tells it about one pair $(s, a)$. The target minus what Q says now is the **TD error**
-# (TD stands for temporal difference):
+# So far we knew where each step leads. An agent does not know. It walks, and each
+# transition tells it about one pair $(s, a)$. The target minus what Q says now is the
+# **TD error** (TD stands for temporal difference):
 #
 # $$\delta = y - Q(s, a), \qquad Q(s, a) \leftarrow Q(s, a) + \text{rate} \cdot \delta .$$
 #
@@ -246,7 +247,7 @@ print("rooms in which a TD error shows:  ", seen.tolist())
 print("δ(1, left), δ(9, left), δ(9, right):", delta[[1, 9, 9], [0, 0, 1]].round(2))
 assert right_rooms(q_old, 0) == 0 and seen.tolist() == [1, 9]
 
-# %%
+# %% tags=["predicted"]
 old = [RIGHT] * 9 + [None]
 new = [None] + [LEFT] * 9
 show(
@@ -296,8 +297,8 @@ assert y - q_before == 0
 # </details>
 #
 # At γ = 0.9 the two sides are a factor of 19 apart. So a TD error of 1 may mean that Q*
-# has moved by 0.53 or by 10. We try it on random worlds, and on one where the lower
-# bound is reached: every step costs 2 in place of 1.
+# has moved by 0.53 or by 10. We try the bound on random worlds, and on one where its
+# lower side is reached: every reward falls by 1.
 
 # %%
 rng = np.random.default_rng(0)
@@ -320,7 +321,11 @@ shown = np.abs(dearer.residual(before.q_star())).max()
 print(
     f"every reward 1 less: Q* moves by {moved:.2f}, the largest TD error is {shown:.2f}"
 )
+print(
+    f"a TD error of 1: Q* has moved by {1 / (1 + GAMMA):.2f} to {1 / (1 - GAMMA):.0f}"
+)
 assert np.isclose(shown, (1 - GAMMA) * moved)
+assert np.isclose((1 + GAMMA) / (1 - GAMMA), 19)
 assert (dearer.q_star().argmax(1) == before.q_star().argmax(1)).all()
 
 # %% [markdown]

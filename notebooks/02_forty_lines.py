@@ -4,7 +4,7 @@
 # After this notebook you have written GB-DQN. You know what freezing does to a table,
 # and why Algorithm 1, taken to the letter, does not adapt.
 #
-# *Time: 20 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
+# *Time: 21 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
 # DQN”, Eqs. 1 and 4, and Algorithm 1.*
 
 # %%
@@ -76,7 +76,7 @@ class Boosted:
         ...  # yours
 
     def learn(self, room, action, reward, room2, terminated, rate=0.5):
-        """Move h[room, action] towards the residual, y − frozen."""
+        """Move h[room, action] by `rate` of the way to the residual, y − frozen."""
         ...  # yours
 
     def drift(self):
@@ -161,7 +161,7 @@ assert all((a == b).all() for (_, a), (_, b) in zip(on, frozen, strict=True))
 # something that a table does not have. That is a network, in which one room's Q cannot
 # move without moving the others' (notebook 3).
 
-# %%
+# %% tags=["predicted"]
 agent, _ = frozen[0]
 show(
     pictures.two_parts(agent.frozen, agent.h),
@@ -200,7 +200,7 @@ while len(walk) < 12:
     walk.append(step(walk[-1], agent.q()[walk[-1]].argmax(), goal=0)[0])
 print("a greedy walk:", *walk)
 
-# %%
+# %% tags=["predicted"]
 curves = [
     np.mean([found for _, found in runs], axis=0) for runs in (on, frozen, letter)
 ]
@@ -277,7 +277,7 @@ print("at the paper's γ = 0.99:", paper)
 assert [len(found) - 1 for found in counts.values()] == [10, 82]
 assert paper == {1: 10, 0.1: 80}
 
-# %%
+# %% tags=["predicted"]
 show(
     pictures.boosters(counts),
     alt="Rooms that are right, of nine, against the number of perfect boosters. With "

@@ -123,7 +123,9 @@ def clean(notebook):
     code[0].source = PATH + code[0].source
     for cell in copy.cells:
         if cell.cell_type == "markdown":
-            cell.source = re.sub(r"\]\((?=\.\./|README\.md)", "](../", cell.source)
+            cell.source = re.sub(
+                r"\]\((?=\.\./|README\.md|\w+\.py\))", "](../", cell.source
+            )
     return copy
 
 

@@ -1,5 +1,6 @@
 """The course as a course: its order, its words, its times, its pictures, its exercises."""
 
+import doctest
 import inspect
 import re
 import subprocess
@@ -191,6 +192,13 @@ def test_a_picture_repeats_byte_by_byte_and_small_text_is_refused():
 # The exercises
 
 
+@pytest.mark.parametrize("module", [lesson, render, exercises], ids=lambda module: module.__name__)
+def test_the_examples_in_docstrings(module):
+    """pytest looks for them elsewhere only."""
+    found = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE)
+    assert found.attempted and not found.failed
+
+
 @every_exercise
 def test_the_solution_is_right(name):
     assert exercises.judge(EXERCISES[name], EXERCISES[name].solution) == "right."
@@ -287,12 +295,14 @@ def test_ids_in_prose_become_links_and_nothing_else_does():
 
 
 @every_notebook
-def test_every_link_to_a_file_leads_somewhere(name):
+@pytest.mark.parametrize("folder", [".", "clean"])
+def test_every_link_to_a_file_leads_somewhere(name, folder):
     """A page of the course that is not written yet is known from the contents."""
-    text = "\n".join(c.source for c in NOTEBOOKS[name].cells if c.cell_type == "markdown")
+    cells = nbformat.read(FOLDER / folder / f"{name}.ipynb", as_version=4).cells
+    text = "\n".join(cell.source for cell in cells if cell.cell_type == "markdown")
     ledger = (ROOT / "paper_checks/README.md").read_text(encoding="utf-8")
     for address in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
         planned = address.removesuffix(".ipynb") in COURSE
-        assert planned or (FOLDER / address).exists(), address
+        assert planned or (FOLDER / folder / address).exists(), address
     for anchor in re.findall(r"paper_checks/README\.md#([^)]+)\)", text):
         assert f'<a id="{anchor}"></a>' in ledger
