@@ -165,6 +165,15 @@ HARD_MOUNTAINCAR: dict[str, Any] = dict(
 HARD = {"acrobot": ACROBOT | HARD_ACROBOT, "mountaincar": MOUNTAINCAR | HARD_MOUNTAINCAR}
 
 
+# What a detecting agent charts, and the level that gives at most one false alarm in twenty runs.
+DETECTOR: dict[str, dict[str, Any]] = {
+    "cartpole": dict(symptom="model", alarm_level=5.0),  # DQN forgets, so its return falls anyway
+    "mountaincar": dict(symptom="model", alarm_level=5.0),
+    "acrobot": dict(symptom="return", alarm_level=10.0),
+    "hopper": dict(symptom="return", alarm_level=10.0),  # not calibrated
+}
+
+
 # Physics that recur: each drift costs at least half of the gain and can be learnt.
 def _recurring(factors: dict[str, float], *episodes: int) -> list[dict[str, Any]]:
     """A schedule that alternates between these factors and the stock physics."""
@@ -189,10 +198,10 @@ RECURRING_HOPPER: dict[str, Any] = LONG_HOPPER | dict(
     schedule=_recurring({"gravity": 1.3, "mass": 1.3, "friction": 0.7}, 500, 750, 1000, 1250),
 )
 RECURRING = {
-    "cartpole": CARTPOLE | RECURRING_CARTPOLE,
-    "mountaincar": MOUNTAINCAR | RECURRING_MOUNTAINCAR,
-    "acrobot": ACROBOT | RECURRING_ACROBOT,
-    "hopper": HOPPER | RECURRING_HOPPER,
+    "cartpole": CARTPOLE | RECURRING_CARTPOLE | DETECTOR["cartpole"],
+    "mountaincar": MOUNTAINCAR | RECURRING_MOUNTAINCAR | DETECTOR["mountaincar"],
+    "acrobot": ACROBOT | RECURRING_ACROBOT | DETECTOR["acrobot"],
+    "hopper": HOPPER | RECURRING_HOPPER | DETECTOR["hopper"],
 }
 
 
@@ -243,9 +252,9 @@ HELD_OUT_ACROBOT: dict[str, Any] = dict(
     ],
 )
 HELD_OUT = {
-    "cartpole": CARTPOLE | HELD_OUT_CARTPOLE,
-    "mountaincar": MOUNTAINCAR | HELD_OUT_MOUNTAINCAR,
-    "acrobot": ACROBOT | HELD_OUT_ACROBOT,
+    "cartpole": CARTPOLE | HELD_OUT_CARTPOLE | DETECTOR["cartpole"],
+    "mountaincar": MOUNTAINCAR | HELD_OUT_MOUNTAINCAR | DETECTOR["mountaincar"],
+    "acrobot": ACROBOT | HELD_OUT_ACROBOT | DETECTOR["acrobot"],
 }
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
