@@ -95,9 +95,16 @@ def delay(series, level, at, size, floor):
 
 def levels(env, out):
     """Print the table of an environment, and the lowest level that meets the target."""
-    first = Config.preset(env, "null").regimes[1].start
+    config = Config.preset(env, "null")
+    first = config.regimes[1].start
     recorded = [json.loads(path.read_text()) for path in sorted(out.glob(f"{env}-[0-9]*.json"))]
     print(f"\n{env}, {len(recorded)} runs; false alarms per run, bootstrapped and as recorded")
+    events, episodes = len(config.regimes) - 1, config.episodes - first
+    print(f"always fires: {config.episodes} false alarms per run, every drift found in 1")
+    by_chance = 1 - (1 - events / episodes) ** WITHIN
+    print(
+        f"at random, {events} times: {events} false alarms per run, {by_chance:.2f} found in time"
+    )
     for symptom in detect.SLACK:
         rng = np.random.default_rng(0)
         known = [each[symptom] for each in recorded]
