@@ -95,7 +95,11 @@ def p_value(a, b, runs=5, draws=200_000):
 
 smallest = 1.0
 for env, table in PRINTED.items():
-    values = {agent: p_value(table["gbdqn"], table[agent]) for agent in table if agent != "gbdqn"}
+    values = {
+        agent: p_value(table["gbdqn"], table[agent])
+        for agent in table
+        if agent != "gbdqn"
+    }
     smallest = min(smallest, *values.values())
     print(
         f"{LABELS[env]:12}",
@@ -103,7 +107,9 @@ for env, table in PRINTED.items():
     )
 ours, theirs = PRINTED["hopper"]["gbdqn"], PRINTED["hopper"]["dqn"]
 error = np.hypot(ours[1], theirs[1]) / np.sqrt(5)
-print(f"Hopper: GB-DQN leads DQN by {ours[0] - theirs[0]:.2f}, at a standard error of {error:.0f}")
+print(
+    f"Hopper: GB-DQN leads DQN by {ours[0] - theirs[0]:.2f}, at a standard error of {error:.0f}"
+)
 assert smallest > 0.05
 
 # %% [markdown]
@@ -162,7 +168,9 @@ def stored(name):
 def final(results):
     """{agent: final returns, a number per seed}"""
     return {
-        agent: np.array([run["final_return"] for run in results["runs"] if run["agent"] == agent])
+        agent: np.array(
+            [run["final_return"] for run in results["runs"] if run["agent"] == agent]
+        )
         for agent in results["agents"]
     }
 
@@ -272,7 +280,9 @@ def forest(name, panel, title):
         panel.plot([low, high], [y, y], color=colour, linewidth=2)
         panel.plot(middle, y, AGENTS[agent].mark, color=colour, markersize=7)
     panel.axvline(0, color=BLACK, linewidth=0.8)
-    panel.set_yticks(range(len(others)), [AGENTS[agent].label for agent in reversed(others)])
+    panel.set_yticks(
+        range(len(others)), [AGENTS[agent].label for agent in reversed(others)]
+    )
     panel.set(title=title, xlabel="final return minus DQN's")
 
 
@@ -348,9 +358,14 @@ for panel, env in zip(axes, ("acrobot", "mountaincar"), strict=True):
             color=colour,
             markersize=8,
         )
-    panel.axvline(stats.iqm(final(stored(env))["dqn"]), color=ORANGE, linestyle="--", label="DQN")
     panel.axvline(
-        stored(env)["runs"][0]["random_return"], color="0.5", linestyle=":", label="random policy"
+        stats.iqm(final(stored(env))["dqn"]), color=ORANGE, linestyle="--", label="DQN"
+    )
+    panel.axvline(
+        stored(env)["runs"][0]["random_return"],
+        color="0.5",
+        linestyle=":",
+        label="random policy",
     )
     panel.set(title=LABELS[env], xlabel="final return: seeds, and their IQM")
     panel.set_yticks(range(len(READINGS)), reversed(READINGS))
@@ -395,29 +410,42 @@ ADDED = {  # what is added: to what is it added (with, without)
         "to DQN": ("dqn-recency", "dqn"),
         "beside boosting": ("gbdqn", "gbdqn-per"),
     },
-    "boosting": {"to DQN": ("gbdqn-per", "dqn"), "beside that replay": ("gbdqn", "dqn-recency")},
+    "boosting": {
+        "to DQN": ("gbdqn-per", "dqn"),
+        "beside that replay": ("gbdqn", "dqn-recency"),
+    },
 }
 ALL = {name: LABELS[name] for name in ("acrobot", "mountaincar", "hopper")} | OURS
 figure, axes = plt.subplots(1, 2, figsize=(10, 4.6), sharex=True, sharey=True)
 for panel, (what, companies) in zip(axes, ADDED.items(), strict=True):
-    looks = zip(companies.items(), (0.15, -0.15), (BLUE, VERMILLION), ("o", "s"), strict=True)
+    looks = zip(
+        companies.items(), (0.15, -0.15), (BLUE, VERMILLION), ("o", "s"), strict=True
+    )
     for (company, (added, without)), shift, colour, mark in looks:
         for y, name in enumerate(reversed(ALL)):
             ours = final(stored(name))
             best = max(
-                stats.iqm(ours[agent]) for agent in ("dqn", "dqn-recency", "gbdqn", "gbdqn-per")
+                stats.iqm(ours[agent])
+                for agent in ("dqn", "dqn-recency", "gbdqn", "gbdqn-per")
             )
             span = best - stats.iqm(ours["random"])
             middle, low, high = stats.paired_difference(
                 ours[added], ours[without], np.random.default_rng(0)
             )
-            panel.plot([low / span, high / span], [y + shift] * 2, color=colour, linewidth=2)
             panel.plot(
-                middle / span, y + shift, mark, color=colour, label=company if y == 0 else None
+                [low / span, high / span], [y + shift] * 2, color=colour, linewidth=2
+            )
+            panel.plot(
+                middle / span,
+                y + shift,
+                mark,
+                color=colour,
+                label=company if y == 0 else None,
             )
     panel.axvline(0, color=BLACK, linewidth=0.8)
     panel.set(
-        title=f"what {what} brings", xlabel="part of the span, random policy to best of the four"
+        title=f"what {what} brings",
+        xlabel="part of the span, random policy to best of the four",
     )
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
 axes[0].set_yticks(range(len(ALL)), list(reversed(ALL.values())))

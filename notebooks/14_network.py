@@ -453,7 +453,8 @@ assert max(constant[-1], falling[-1]) < 0.003
 # %% [markdown]
 # DQN keeps a constant learning rate all the same. Its targets move, and after a drift
 # it has to learn again.
-#
+
+# %% [markdown]
 # ## Summary
 #
 # Backpropagation is two lines for each layer, and you can check it by measuring. A
