@@ -60,8 +60,7 @@ show(
 # running down.
 #
 # The frozen $Q_1$ mostly still arrives, but late. With the booster more cars arrive,
-# and sooner. DQN, which froze nothing, does best. This is one run; whether freezing
-# helps is a question for many.
+# and sooner. DQN, which froze nothing, does best. But this is one run.
 #
 # > **Predict.** No value in this world exceeds 0: every step costs 1. How large is
 # > $Q_2$ at most, over the whole plane? And where?
@@ -79,9 +78,8 @@ assert (~been)[added > 0].mean() > 0.5 > (added > 0).mean()
 # %% [markdown]
 # A network has a value everywhere, also where it has no data. There the value says
 # nothing about the car: it is where the network's straight lines happen to lead. Where
-# cars have been, the booster lowers most values, as a heavier world should. But a
-# residual does not say *why* it is there. Some of what the booster corrects was wrong
-# before the drift.
+# cars have been, the booster lowers most values, as a heavier world should. Some of
+# what it corrects was wrong before the drift: a residual does not say why it is there.
 
 # %% tags=["slider"]
 from ipywidgets import interact
@@ -163,8 +161,7 @@ solution("adaptation")
 
 # %% [markdown]
 # An agent that had learnt nothing has nothing to lose. Then none of the three is
-# defined, and the package says so: `stats.regime_table` gives None. The honest answer
-# is not 0.
+# defined: `stats.regime_table` gives None, not 0.
 #
 # **Exercise 2.** Write forgetting. `returns[k][j]` is the greedy return in the physics
 # of regime j, measured at the end of regime k.
@@ -247,8 +244,8 @@ assert [round(x) for x in lost.values()] == [196, 15, 0]
 #
 # ## The tables: are they possible?
 #
-# From here on we read the paper's tables. A return of MountainCar lies between −200,
-# never arrived, and 0. How large can a standard deviation be?
+# A return of MountainCar lies between −200, never arrived, and 0. How large can a
+# standard deviation be?
 #
 # **Exercise 3.** All values lie between `low` and `high`, and their mean is given.
 
@@ -390,8 +387,7 @@ assert tables["MountainCar"]["ensemble"][2] > 0
 #
 # * **GB-DQN** crosses the line in all three.
 # * **Frozen DQN** on Acrobot learns nothing during any drift, and most of its seeds end
-#   with the rest. Gravity and mass change how hard Acrobot is, hardly which action is
-#   right.
+#   with the rest. Gravity and mass hardly change which action is right.
 # * **Ensemble-DQN** on MountainCar is the one bar right of the line, with five networks
 #   in place of one. A mean removes what their errors do not share (claim C3).
 # * DQN's replay of 50,000 transitions can hold three of Acrobot's regimes (claim X14).
@@ -440,9 +436,9 @@ assert (
 # %% [markdown]
 # On MountainCar the replay alone and boosting alone point in *opposite* directions, and
 # both intervals contain 0. Over all studies the replay helps detectably in three
-# places, boosting in none, and on CartPole it loses most of the return. Keep the limits
-# in mind: 28 intervals, each too narrow, of which some miss the truth; settings that
-# were tuned for DQN; three seeds for the long Hopper, which therefore does not count.
+# places, boosting in none, and on CartPole it loses most of the return. The limits: of
+# 28 intervals, each too narrow, some miss the truth; the settings were tuned for DQN;
+# the long Hopper, with three seeds, does not count.
 #
 # ## Which GB-DQN?
 #
