@@ -61,7 +61,8 @@ def controller(kept_up, most):
     """For how many steps a controller keeps the pole up, per change of the physics."""
     figure, axis = plt.subplots(figsize=(7, 2.6))
     shades = ["0.75" if steps > 0.9 * most else "0.35" for steps in kept_up.values()]
-    bars = axis.barh(list(kept_up), list(kept_up.values()), color=shades)
+    names = [name.replace("-", "−") for name in kept_up]
+    bars = axis.barh(names, list(kept_up.values()), color=shades)
     axis.bar_label(bars, [f"{steps:.0f}" for steps in kept_up.values()], padding=3)
     axis.invert_yaxis()
     axis.set(
