@@ -9,9 +9,10 @@
 #
 # **How to read this with the paper open.** The paper promises three things: GB-DQN
 # drops less at a drift, recovers faster, and forgets less. It prints one number per
-# method and its spread, the "Final Return". So we look first at what happens *around* a
-# drift, in runs of our own, and then at the tables. Everything shown was run and
-# stored; the commands are on the [page of reruns](../paper_checks/results/README.md).
+# method and its spread, the "Final Return" (ours: the mean of the last 50 episodes,
+# D12). So we look first at what happens *around* a drift, in runs of our own, and then
+# at the tables. Everything shown was run and stored; the commands are on the [page of
+# reruns](../paper_checks/results/README.md).
 
 # %%
 from itertools import product
