@@ -1,477 +1,495 @@
 # %% [markdown]
-# # 4 · Boosting the residual
+# # 4 · Boosting
 #
-# **Eqs. 1–9.** DQN has one network, and when the world changes that network must unlearn before it can learn. GB-DQN
-# freezes it and lets a *second* network learn only what the first one now gets wrong. This is gradient boosting, with
-# the Bellman residual in the place of the label's. After this notebook you can derive each step of it, and you know
-# the three places where the printed equations do not give what the text says.
+# You will be able to derive each step of GB-DQN's boosting, Eqs. 1–9, and to say where a
+# residual of zero hides a wrong value.
 #
-# *Before:* notebook 3 (targets). *Needs:* sums, derivatives. *Time:* a quarter of an hour.
+# *Time: 30 minutes. Needs: notebooks 1, 2. With the paper open: section Gradient Boosted
+# DQN, Eqs. 1–9.*
 
 # %%
 import numpy as np
-from lesson import BLUE, GREEN, ORANGE, VERMILLION, plt, source
+from exercises import check, solution
+from lesson import ROOMS, corridor, show, source
+from pictures import boosting as pictures
 
 from gbdqn_ref.bellman import loss_gradient, td_target, weighted_loss
 from gbdqn_ref.boosting import Ensemble, closed_form_alpha
+from gbdqn_ref.config import Config
+from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.nn import MLP
+from gbdqn_ref.optim import Adam
 
 rng = np.random.default_rng(0)
+rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place k
 
 # %% [markdown]
 # ## Eq. 1 · The ensemble is a sum
 #
-# $$Q_m(s, a) \;=\; \sum_{j=1}^{m} \alpha_j\, h_j(s, a) \;=\; Q_{m-1}(s, a) + \alpha_m h_m(s, a) \tag{1}$$
+# $$Q_m(s, a) = \sum_{j=1}^{m} \alpha_j\, h_j(s, a)
+#   = Q_{m-1}(s, a) + \alpha_m h_m(s, a) \tag{1}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $h_j$ | `net.forward(theta, x)` | (B, A) | booster number j, a network like DQN's |
+# | $h_j$ | `net.forward(theta, x)` | (B, A) | **booster** j, a network |
 # | $\alpha_j$ | `ensemble.alpha[j]` | (m,) | its weight |
-# | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters, one row of a stack |
-# | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer |
+# | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters |
+# | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the **ensemble** |
 #
-# All boosters are frozen: the only thing one can do with an ensemble is ask it, or add one more, which adds its term
-# (claim M1).
+# All boosters in an ensemble are frozen. You can ask the ensemble, or add a booster, and
+# adding one adds its term (M1).
 
 # %%
-source(Ensemble)
+source(Ensemble.boosters, Ensemble.terms)
 
 # %% [markdown]
-# The same, naively: one booster after the other, in a loop.
+# The same in a loop, on the ten rooms:
 
 # %%
-net = MLP((2, 16, 3))  # two numbers in, three actions out
+net = MLP((ROOMS, 16, 2))
 ensemble = Ensemble(net)
 for alpha in (1.0, 0.5, 0.1):
     ensemble.add(net.init(rng), alpha)
-x = rng.normal(size=(4, 2)).astype(np.float32)
 
-q = np.zeros((4, 3))
+q = np.zeros((ROOMS, 2))
 for theta, alpha in zip(ensemble.theta, ensemble.alpha, strict=True):
-    h, _ = net.forward(theta, x)
-    q = q + alpha * h
+    q += alpha * net.forward(theta, rooms)[0]
+assert np.allclose(q, ensemble.q(rooms), atol=1e-6)
 
-assert np.allclose(q, ensemble.q(x), atol=1e-6)
-q.round(3)
-
-# %% [markdown]
-# > **Predict, then run.** What does an ensemble without any booster answer? Write the number down before you run the
-# > next cell.
-
-# %%
-Ensemble(net).q(x)[0]
+first, second, _ = ensemble.staged_q(rooms)  # Q_1, Q_2, Q_3
+assert np.allclose(second - first, ensemble.terms(rooms)[1], atol=1e-6)  # α_2 h_2
 
 # %% [markdown]
-# Zero, for every action in every state: an empty sum. Algorithm 1 starts there, and notebook 6 shows what that costs.
-#
-# **Exercise 1.** `staged_q` gives $Q_1, Q_2, \dots, Q_m$ at once. Recover $\alpha_2 h_2(x)$ from it, without asking
-# any network.
+# > **Predict.** What does an ensemble without boosters say about room 5?
 
-# %% tags=["solution"] jupyter={"source_hidden": true}
-stages = ensemble.staged_q(x)
-second = stages[1] - stages[0]
-assert np.allclose(second, ensemble.terms(x)[1], atol=1e-6)
+# %% tags=["predicted"]
+print(Ensemble(net).q(rooms)[5])
 
 # %% [markdown]
-# ## Eqs. 2–3 · Why the residual: it is the direction in which the loss falls
+# An empty sum is zero. Algorithm 1 starts there; notebook 7 shows what that costs.
 #
-# $$L(Q) = \tfrac12 \sum_i w_i\,(y_i - Q_i)^2, \qquad -\frac{\partial L}{\partial Q_i} = w_i\,(y_i - Q_i)
-# \tag{2, 3}$$
+# ## Eqs. 2–3 · The residual is the direction in which the loss falls
 #
-# Think of the answers $Q_i = Q(s_i, a_i)$ on the sample as free numbers. Then the steepest way down is to add to each
-# of them its own weighted residual. Gradient boosting takes this step with a *function*: it fits a learner $h$ to the
-# residuals and adds a multiple of it. (Eq. 2 is Eq. 3 with all $w_i = 1$.)
+# $$L = \tfrac12 \sum_i w_i\,(y_i - Q_i)^2, \qquad
+#   -\frac{\partial L}{\partial Q_i} = w_i\,(y_i - Q_i) \tag{2, 3}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $y_i - Q_i$ | `error` | (B,) | residual |
-# | $w_i$ | `weight` | (B,) | importance weight, from notebook 5 (claim M5) |
-# | $L$ | `weighted_loss(error, weight)` | scalar | a mean instead of a sum, so that it does not scale with B (D2) |
-# | $\partial L/\partial Q$ | `loss_gradient(error, weight, a, n_actions)` | (B, A) | 0 at actions that were not taken |
+# | $y_i - Q_i$ | `error` | (B,) | residual of sample i |
+# | $w_i$ | `weight` | (B,) | its **importance weight**, from notebook 6 (M5); Eq. 2 has all 1 |
+# | $L$ | `weighted_loss(error, weight)` | scalar | a mean in the code (D2) |
+# | $\partial L/\partial Q$ | `loss_gradient(error, weight, a, n_actions)` | (B, A) | 0 for actions not taken |
+#
+# An importance weight makes up for drawing some samples more often than others. Read the
+# answers $Q_i = Q(s_i, a_i)$ as free numbers. The steepest way down adds to each its own
+# weighted residual. **Gradient boosting** takes this step with a function: it fits a learner
+# h to the residuals and adds a multiple of it.
 
 # %%
-source(weighted_loss, loss_gradient)
+source(weighted_loss)
 
 # %% [markdown]
-# Naively: nudge each $Q_i$ by a hair and see how much the loss falls.
+# By hand: nudge each $Q_i$ and see how much the loss falls.
 
 # %%
-y, Q, w = np.array([1.0, -2.0, 0.5]), np.array([0.2, -1.0, 0.5]), np.array([1.0, 0.5, 2.0])
-a, step = np.array([0, 1, 0]), 1e-6
+y, Q, w = np.array([1.0, -2.0, 0.5]), np.array([0.2, -1.0, 0.5]), np.array([1, 0.5, 2])
+a, nudge = np.array([0, 1, 0]), 1e-6
 
 slopes = []
 for i in range(3):
     up, down = Q.copy(), Q.copy()
-    up[i], down[i] = up[i] + step, down[i] - step
-    slopes.append((weighted_loss(y - up, w) - weighted_loss(y - down, w)) / (2 * step))
+    up[i], down[i] = Q[i] + nudge, Q[i] - nudge
+    slopes.append(weighted_loss(y - up, w) - weighted_loss(y - down, w))
+slopes = np.array(slopes) / (2 * nudge)
 
 gradient = loss_gradient(y - Q, w, a, n_actions=2)
-assert np.allclose(slopes, gradient[np.arange(3), a], atol=1e-8)
-assert np.allclose(slopes, -w * (y - Q) / 3)
-gradient
+assert np.allclose(slopes, gradient[np.arange(3), a])
+assert np.allclose(slopes, -w * (y - Q) / 3)  # a mean over three samples
 
 # %% [markdown]
-# The gradient is minus the weighted residual, as long as $y$ is held fixed (claims M3, M4). Whether it *is* fixed is the
-# question on which Theorem 1 turns, since in reinforcement learning $y$ contains $Q$ itself: notebook 7.
+# So the residual is the negative gradient, *as long as y is held fixed* (M3, M4). In
+# regression a label is fixed. Here y contains Q itself; Theorem 1 turns on that.
 #
-# ## Eq. 4 · The residual that is left to learn
+# ## Eq. 4 · What the next booster has to learn
 #
-# $$y_i = r_i + \gamma \max_{a'} \bar Q_{m-1}(s'_i, a'), \qquad r_{i,m} = y_i - Q_{m-1}(s_i, a_i) \tag{4}$$
+# $$r_{i,m} = y_i - Q_{m-1}(s_i, a_i), \qquad
+#   y_i = r_i + \gamma \max_{a'} Q_{m-1}(s'_i, a') \tag{4}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $r_i$, $\gamma$ | `r`, `gamma` | (B,), scalar | reward, discount |
-# | $\bar Q_{m-1}(s'_i, \cdot)$ | `q_next` | (B, A) | the target network's answer at the next state |
-# | $y_i$ | `td_target(r, terminated, q_next, gamma)` | (B,) | what $Q$ should have been |
-# | $r_{i,m}$ | `residual` | (B,) | what booster m has to learn |
+# | $Q_{m-1}(s_i, \cdot)$, $Q_{m-1}(s'_i, \cdot)$ | `q_frozen`, `q_frozen_next` | (B, A) | frozen answers here and at the next state |
+# | $y_i$ | `y` | (B,) | target; only $r_i$ where the episode ends (D1) |
+# | $r_{i,m}$ | result | (B,) | the residual; not the reward $r_i$ |
 #
-# The paper uses $r_i$ for the reward and $r_{i,m}$ for the residual; the code says `r` and `residual`. It also writes
-# $Q_{m-1}$ in one place and $\bar Q_{m-1}$ in another (claim M6). Frozen networks make the two the same: a network that
-# does not move is its own target network (D3).
+# **Exercise 1.** Write Eq. 4, with the end of an episode.
+
 
 # %%
-source(td_target)
+def residual(r, terminated, a, q_frozen, q_frozen_next, gamma):
+    """y − Q_{m−1}(s, a); everything per sample is (B,), Q is (B, A)."""
+    ...  # yours
 
-# %%
-reward, terminated = np.array([-1.0, -1.0, 0.0]), np.array([False, False, True])
-q_next = np.array([[-3.0, -2.0], [-5.0, -9.0], [7.0, 7.0]])
 
-target = []
-for i in range(3):
-    future = 0.0 if terminated[i] else max(q_next[i])
-    target.append(reward[i] + 0.9 * future)
-
-assert np.allclose(target, td_target(reward, terminated, q_next, 0.9))
-residual = np.array(target) - np.array([-2.0, -4.0, 0.0])  # minus Q_{m−1}(s_i, a_i)
-residual
+residual = check("residual", residual)
+solution("residual")
 
 # %% [markdown]
-# Where the physics have not changed the residual is near zero, and a new booster has nothing to do there. Where they
-# have, it is what the drift left behind. That is the whole idea. Let us watch it on a function of one variable, where
-# the *physics* are a curve, with the package's own network and optimiser.
+# Three steps in the ten rooms. The frozen ensemble knows the way to room 9; the goal has
+# moved to room 0.
+#
+# > **Predict.** The steps are: 5 → 6, 9 → 8, and 1 → 0, which is now the end. Which of
+# > them has a residual?
+
+# %% tags=["predicted"]
+old, new = corridor(9), corridor(0)
+q_old, q_new = old.q_star(), new.q_star()
+here, action, there = np.array([5, 9, 1]), np.array([1, 0, 0]), np.array([6, 8, 0])
+reward, ends = np.full(3, -1.0), there == 0
+
+left_to_learn = residual(reward, ends, action, q_old[here], q_old[there], 0.9)
+y = td_target(reward, ends, q_old[there], 0.9)
+assert np.allclose(left_to_learn, y - q_old[here, action])
+print(left_to_learn.round(3))
+
+# %% [markdown]
+# Keep the 0 of room 5 in mind. Its value is wrong, and the action too.
+#
+# ## Regression: a residual that tells the truth
+#
+# First the case for which boosting was made. The world is a curve; it drifts on the right,
+# at x > 0.2. $h_1$ has learnt the old curve and is frozen. $h_2$ learns the residual.
 
 # %%
-from gbdqn_ref.optim import Adam
-
-x1 = np.linspace(-1, 1, 200, dtype=np.float32)[:, None]
-old = np.sin(4 * x1[:, 0])
-new = old + 1.5 * np.maximum(0, x1[:, 0] - 0.2)  # it drifts on the right
-
-
-def fit(net, theta, x, wanted, steps=1500):
-    """Train θ towards `wanted` at x, by the loss and the gradient shown above."""
-    adam, zeros, ones = Adam(net.size, 1e-2), np.zeros(len(x), int), np.ones(len(x), np.float32)
-    for _ in range(steps):
-        h, cache = net.forward(theta, x)
-        adam.step(
-            theta, net.backward(theta, cache, loss_gradient(wanted - h[:, 0], ones, zeros, 1))
-        )
-    return theta
-
-
+x = np.linspace(-1, 1, 200, dtype=np.float32)[:, None]
+right = x[:, 0] > 0.2
+before = np.sin(4 * x[:, 0])
+after = before + 1.5 * np.maximum(0, x[:, 0] - 0.2)
 curve = MLP((1, 64, 1))
-staged = Ensemble(curve)
-staged.add(fit(curve, curve.init(rng), x1, old), 1.0)  # h_1 learns the old world, and is frozen
-left_behind = new - staged.q(x1)[:, 0]  # the residual after the drift
-staged.add(
-    fit(curve, curve.init(rng, zero_output=True), x1, left_behind), 1.0
-)  # h_2 learns the residual alone
 
-figure, axes = plt.subplots(1, 3, sharey=True, figsize=(9, 3.2))
-axes[0].plot(x1, old, color="0.6", linewidth=5, alpha=0.5, label="old world")
-axes[0].plot(x1, staged.staged_q(x1)[0], color=BLUE, label="$Q_1 = h_1$")
-axes[0].set_title("before the drift")
-axes[1].plot(x1, left_behind, color="0.6", linewidth=5, alpha=0.5, label="residual")
-axes[1].plot(x1, staged.terms(x1)[1], color=VERMILLION, linestyle="--", label=r"$\alpha_2 h_2$")
-axes[1].set_title("what the drift left behind")
-axes[2].plot(x1, new, color="0.6", linewidth=5, alpha=0.5, label="new world")
-axes[2].plot(x1, staged.staged_q(x1)[1], color=GREEN, linestyle="-.", label="$Q_2 = Q_1 + α_2 h_2$")
-axes[2].set_title("after one booster")
-for panel in axes:
-    panel.set_xlabel("state x")
-    panel.legend(loc="upper left", fontsize=9)
-axes[0].set_ylabel("value")
-assert np.abs(new - staged.q(x1)[:, 0]).max() < 0.2
-plt.show()
+
+def fit(x, wanted, zero_output, steps=1500):
+    """The function that a network has become after training at x towards `wanted`."""
+    theta = curve.init(np.random.default_rng(1), zero_output=zero_output)
+    adam, ones = Adam(curve.size, 1e-2), np.ones(len(x), np.float32)
+    for _ in range(steps):
+        h, cache = curve.forward(theta, x)
+        dq = loss_gradient(wanted - h[:, 0], ones, np.zeros(len(x), int), 1)
+        adam.step(theta, curve.backward(theta, cache, dq))
+    return lambda x: curve.forward(theta, x)[0][:, 0]
+
+
+h_1 = fit(x, before, zero_output=False)
+h_2 = fit(x, after - h_1(x), zero_output=True)
+assert np.abs(after - h_1(x) - h_2(x)).max() < 0.2
+
+show(
+    pictures.curves(x[:, 0], before, after, h_1(x), h_2(x)),
+    alt="Three panels: the first network fits the old curve; the residual is zero on the "
+    "left and grows on the right; their sum fits the new curve.",
+)
 
 # %% [markdown]
-# `zero_output=True` starts the booster as the zero function (D11), so that adding it changes no answer before it has
-# learnt something.
+# `zero_output=True` starts the booster as the zero function, so that adding it changes no
+# answer before it has learnt something (D11). Where the label has not changed, the residual
+# is near zero, and the booster has nothing to do.
 #
-# > **Predict, then run.** The world changed only at x > 0.2. Where did the answers change?
+# > **Predict.** $h_2$ saw all of x. Let a second one learn from x > 0.2 only. How far does
+# > each move the answer on the left, where nothing has changed?
+
+# %% tags=["predicted"]
+half = fit(x[right], (after - h_1(x))[right], zero_output=True)
+everywhere, elsewhere = np.abs(h_2(x)[~right]).max(), np.abs(half(x)[~right]).max()
+print(f"learnt from all of x: {everywhere:.3f}, from the right only: {elsewhere:.3f}")
+assert elsewhere > 3 * everywhere > 0
+
+# %% [markdown]
+# On the left nothing held it still. Data with a residual of zero keep a booster local; the
+# method does not (T4-b).
+#
+# ## The corridor: a residual of zero that hides a wrong value
+#
+# The paper says: “Each new learner focuses only on correcting the discrepancies of the
+# existing ensemble” (section Gradient Boosted DQN). In regression that is all there is to
+# correct. Now the ten rooms, frozen on the day the goal moved from room 9 to room 0, and
+# every step from every room is in the data.
+#
+# > **Predict.** The best action changes in eight rooms. In how many is there a residual?
+
+# %% tags=["predicted"]
+q_old[0] = 0  # room 0 is now the end: nothing comes after it (D1)
+g = new.residual(q_old)[1:]  # rooms 1 to 9
+seen = 1 + np.flatnonzero(np.abs(g).max(1) > 1e-9)
+wrong = 1 + np.flatnonzero(np.abs(q_new.max(1) - q_old.max(1))[1:] > 1e-9)
+turn = 1 + np.flatnonzero(q_old[1:9].argmax(1) != q_new[1:9].argmax(1))
+print("residual in rooms ", seen)
+print("wrong value in    ", wrong)
+print("wrong action in   ", turn)
+assert (len(seen), len(wrong), len(turn)) == (2, 9, 8)
+
+show(
+    pictures.hidden(q_old, q_new, new.residual(q_old)),
+    alt="Above: the frozen value rises to the right, the new value to the left; all nine "
+    "differ and eight arrows turn. Below: only rooms 1 and 9 have a residual.",
+)
+
+# %% [markdown]
+# The residual looks one step ahead. In room 5 it compares the value of room 5 with that of
+# room 6. Both are wrong in the same way, so they agree. **A residual of zero means that Q
+# agrees with itself, not that it is right.**
+#
+# So a booster that fits its residual perfectly is not done:
 
 # %%
-moved = np.abs(staged.terms(x1)[1][:, 0])
-print(f"on the right, x > 0.2: at most {moved[x1[:, 0] > 0.2].max():.1f}")
-print(
-    f"on the left:          at most {moved[x1[:, 0] <= 0.2].max():.3f}, and not 0: {bool(moved[0] > 0)}"
-)
+Q = q_old
+for boosters in range(1, 4):
+    Q = Q + new.residual(Q)  # a perfect booster, α = 1
+    residual_in = 1 + np.flatnonzero(np.abs(new.residual(Q))[1:].max(1) > 1e-9)
+    right_way = int((Q[1:, 0] > Q[1:, 1] + 1e-9).sum())
+    print(boosters, "boosters: residual in", residual_in, "– right way in", right_way)
+assert right_way < 9
 
 # %% [markdown]
-# Nearly only on the right, here, because the left was in the data too, with a residual of about 0. Nothing in the
-# method keeps a booster still where there is *no* data; the paper's claim that updates stay local fails (claim T4-b).
+# Each booster gives the next one something to do, a room further. Either there are many
+# boosters, or y must contain the booster while it learns: the package's `target="live"`.
+# Notebook 7 compares both.
 #
-# **Exercise 2.** Freeze $h_1$ after the drift and let $h_2$ learn only from x > 0.2. How far does the answer on the left
-# now move at most?
-
-# %% tags=["solution"] jupyter={"source_hidden": true}
-right = x1[:, 0] > 0.2
-half = fit(
-    curve, curve.init(np.random.default_rng(1), zero_output=True), x1[right], left_behind[right]
-)
-elsewhere = np.abs(curve.forward(half, x1)[0][~right, 0]).max()
-assert elsewhere > 3 * moved[~right].max()  # several times as far: nothing held it
-round(float(elsewhere), 2)
-
-# %% [markdown]
 # ## Eqs. 5–6 · What the booster is fitted to
 #
-# $$J_m = \sum_i \bigl(r_{i,m} - \alpha_m h_m(s_i, a_i)\bigr)^2 \tag{5}$$
-#
-# $$J_m = \sum_i w_i \bigl(r_{i,m} - \alpha_m h_m\bigr)^2
-#      = \sum_i \bigl(\sqrt{w_i}\, r_{i,m} - \alpha_m \sqrt{w_i}\, h_m\bigr)^2 \tag{6}$$
-#
-# Both are called $J_m$, one without weights and one with them (claim M7). The second equality holds whenever $w_i \ge 0$
-# (claim M8): a weight may be moved inside a square as its root, *if it is moved onto both terms*.
+# $$\begin{aligned}
+# J_m &= \tfrac12 \sum_i \bigl(r_{i,m} - \alpha_m h_m(s_i, a_i)\bigr)^2 &(5)\\
+# \tfrac12 \sum_i w_i \bigl(r_{i,m} - \alpha_m h_m\bigr)^2
+#  &= \tfrac12 \sum_i \bigl(\sqrt{w_i}\,r_{i,m} - \alpha_m \sqrt{w_i}\,h_m\bigr)^2 &(6)
+# \end{aligned}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $r_{i,m}$ | `residual` | (B,) | what booster m has to learn |
-# | $\alpha_m h_m(s_i, a_i)$ | `factor * h` | (B,) | what it says; `factor` is α or 1, of which more below |
+# | $r_{i,m}$ | `residual` | (B,) | what the booster has to learn |
+# | $\alpha_m h_m(s_i, a_i)$ | `factor * h` | (B,) | what it says; `factor` is α or 1 |
 # | $w_i$ | `batch.weight` | (B,) | importance weight |
-# | $J_m$ | `weighted_loss(residual - factor * h, weight)` | scalar | the same function as in Eq. 3 |
+# | $J_m$ | `weighted_loss(residual - factor * h, weight)` | scalar | as in Eq. 3 |
+#
+# The paper calls both $J_m$, one without weights and one with (M7). A weight may move into
+# the square as its root, *if it moves onto both terms* (M8):
 
 # %%
 r, h, w = rng.normal(size=4), rng.normal(size=4), np.array([0.1, 1.0, 0.5, 0.0])
-alpha = 0.7
-
 outside = inside = 0.0
 for i in range(4):
-    outside += w[i] * (r[i] - alpha * h[i]) ** 2
-    inside += (np.sqrt(w[i]) * r[i] - alpha * np.sqrt(w[i]) * h[i]) ** 2
-
+    outside += w[i] * (r[i] - 0.7 * h[i]) ** 2 / 2
+    inside += (np.sqrt(w[i]) * r[i] - 0.7 * np.sqrt(w[i]) * h[i]) ** 2 / 2
 assert np.isclose(outside, inside)
-assert np.isclose(
-    outside, 2 * 4 * weighted_loss(r - alpha * h, w)
-)  # the code's loss: ½, and a mean over B = 4
+assert np.isclose(outside / 4, weighted_loss(r - 0.7 * h, w))  # a mean over four
 
 # %% [markdown]
-# From this the paper concludes that one may use $r$ in the place of $w\,r$. That does not follow (claim M9). The smallest
-# example has two samples and a learner that can only say one constant:
+# The paper concludes: “for simplicity, we use the residual” r instead of w r (after Eq. 6).
+# That does not follow (M9). The smallest example has two samples and a learner that can
+# only say one constant.
+#
+# **Exercise 2.** Fit the constant h that minimises $\sum_i w_i (r_i - h)^2$.
+
 
 # %%
-r, w, one = np.array([2.0, -1.0]), np.array([0.25, 1.0]), np.ones(2)
-readings = {
-    "fitted to r, without weights": closed_form_alpha(r, one),
-    "fitted to r, with weights w": closed_form_alpha(r, one, w),
-    "fitted to w r": closed_form_alpha(w * r, one),
-    "fitted to √w r": closed_form_alpha(np.sqrt(w) * r, one),
-}
-for name, constant in readings.items():
-    print(f"{name:30} h = {constant:+.2f}")
-assert len(set(readings.values())) == 4
+def constant(r, w):
+    """The h with the least weighted squared error; r and w are (B,)."""
+    ...  # yours
+
+
+constant = check("constant", constant)
+solution("constant")
 
 # %% [markdown]
-# Four readings, four learners. The code takes the second: the weights multiply the squared error, and the residual stays
-# as it is.
-#
-# **Exercise 3.** Only the sizes of the weights *relative to one another* should matter. Multiply w by 9. Which of the four
-# constants stay?
+# > **Predict.** With r = (3, −1) and w = (¼, 1), four readings of that sentence give four
+# > constants. Multiply both weights by 9. Which of the four stay?
 
-# %% tags=["solution"] jupyter={"source_hidden": true}
-many = 9 * w
-assert np.isclose(
-    closed_form_alpha(r, one, many), readings["fitted to r, with weights w"]
-)  # stays, as does the first
-assert np.isclose(closed_form_alpha(many * r, one), 9 * readings["fitted to w r"])
-uneven = np.array(
-    [0.25, 4.0]
-)  # √w r is 0 on average for the w above; with these weights it is −1/2
-assert np.isclose(
-    closed_form_alpha(np.sqrt(9 * uneven) * r, one), 3 * closed_form_alpha(np.sqrt(uneven) * r, one)
-)
+# %% tags=["predicted"]
+r, w, one = np.array([3.0, -1.0]), np.array([0.25, 1.0]), np.ones(2)
+
+
+def readings(w):
+    return {
+        "r, no weights in the loss": constant(r, one),
+        "r, weights in the loss": constant(r, w),
+        "w r": constant(w * r, one),
+        "√w r": constant(np.sqrt(w) * r, one),
+    }
+
+
+once, scaled = readings(w), readings(9 * w)
+for name in once:
+    print(f"fitted to {name:26} h = {once[name]:+.3f}, then {scaled[name]:+.3f}")
+assert len(set(once.values())) == 4
+assert [round(scaled[name] / once[name]) for name in once] == [1, 1, 9, 3]
 
 # %% [markdown]
-# There is a fifth choice hidden in Eq. 5. With $\alpha_m$ *inside* the square, a learner that can represent anything
-# becomes $h = r/\alpha$, so that $\alpha h = r$: whatever the shrinkage, the step is a whole one (claims M13, B2). Algorithm
-# 1 leaves $\alpha$ out of the loss, and then the step is $\alpha\, r$. The code has both, `loss_on="alpha_h"` and
-# `loss_on="h"`; notebook 6 shows what a run makes of each.
+# Only the size of the weights *relative to each other* should matter, and only the first
+# two readings say so. The package takes the second: weights in the loss, residual as it is.
 #
-# ## Eqs. 7–8 · How long a step: the closed-form α
+# Eq. 5 hides one more choice. With $\alpha_m$ *inside* the square, a learner that can
+# represent anything becomes $h = r/\alpha$, so $\alpha h = r$: however small α is, the step
+# is a whole one (M13, B2). Algorithm 1 leaves α out of its loss; then the step is αr. The
+# package has both: `loss_on="alpha_h"` and `loss_on="h"`.
 #
-# $$\alpha_m = \arg\min_\alpha \sum_i \bigl(r_{i,m} - \alpha\, h_m(s_i, a_i)\bigr)^2 \tag{7}$$
-# $$\alpha_m = \frac{\sum_i r_{i,m} h_m(s_i, a_i)}{\sum_i h_m(s_i, a_i)^2} = \frac{A}{B} \tag{8}$$
+# ## Eqs. 7–8 · How long a step
 #
-# (Eq. 7 is printed with min; the least *value* is not the best *α*: for r = h = 1 one is 0 and the other 1, claim M10.)
-# To derive it, expand the square: $\sum r^2 - 2\alpha A + \alpha^2 B$, a parabola in $\alpha$. Its slope
-# $-2A + 2\alpha B$ is zero at $A/B$, where its height is $\sum r^2 - A^2/B$ (claim M11). **That last sentence is all of
-# Theorem 1.** In supervised learning, where targets stand still, it says that no step ever raises the training loss
-# (claims M14, T1-k); it does not say that the loss ends at 0, since steps may help less and less (claim M15).
+# $$\alpha_m = \arg\min_\alpha \sum_i \bigl(r_{i,m} - \alpha\,h_m(s_i, a_i)\bigr)^2
+#  = \frac{\sum_i r_{i,m}\,h_m(s_i, a_i)}{\sum_i h_m(s_i, a_i)^2} = \frac AB \tag{7, 8}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $r_{i,m}$ | `residual` | (n,) | what was to be fitted |
-# | $h_m(s_i, a_i)$ | `h` | (n,) | what the booster says |
-# | – | `weights` | (n,) | the weights of the loss; the paper forgets them here (D7) |
+# | $r_{i,m}$, $h_m(s_i, a_i)$ | `residual`, `h` | (n,) | what was to be fitted, what the booster says |
+# | – | `weights` | (n,) | the weights of the loss; Eq. 8 forgets them (D7) |
+#
+# (Eq. 7 prints min; the *place* of the minimum is meant, M10.) Expand the square:
+# $\sum r^2 - 2\alpha A + \alpha^2 B$, a parabola in α. It is lowest at $A/B$, where its
+# height is $\sum r^2 - A^2/B$ (M11). **That height is all of Theorem 1.** With fixed labels
+# no step raises the training loss (M14, T1-k). Yet the loss need not end at zero, since
+# steps may help less and less (M15).
+#
+# **Exercise 3.** Write the α that minimises the *weighted* loss $\sum w (r - \alpha h)^2$.
+
 
 # %%
-source(closed_form_alpha)
+def step_size(r, h, w):
+    """α; r, h and w are (n,)."""
+    ...  # yours
+
+
+step_size = check("step_size", step_size)
+solution("step_size")
 
 # %%
-h = rng.normal(size=6)
-residual = 0.6 * h + 0.5 * rng.normal(size=6)  # a booster that has learnt something
+h_m = rng.normal(size=6)
+r_m = 0.6 * h_m + 0.5 * rng.normal(size=6)  # the booster has learnt a part of it
+A, B = r_m @ h_m, h_m @ h_m
+assert np.isclose(A / B, step_size(r_m, h_m, np.ones(6)))
+assert np.isclose(A / B, closed_form_alpha(r_m, h_m))
+for eta in (1, 0.1):
+    loss = ((r_m - eta * A / B * h_m) ** 2).sum()
+    assert np.isclose(loss, r_m @ r_m - (2 * eta - eta**2) * A**2 / B)
 
-A = B = 0.0
-for i in range(6):
-    A += residual[i] * h[i]
-    B += h[i] ** 2
-
-assert np.isclose(A / B, closed_form_alpha(residual, h))
-before, after = (residual**2).sum(), ((residual - A / B * h) ** 2).sum()
-assert np.isclose(before - after, A**2 / B)
+show(
+    pictures.parabola(r_m, h_m, chosen=2 * A / B),
+    alt="The loss over α is a parabola. Its lowest point is at A/B; a tenth of that α "
+    "is high on its left arm; twice that α is as high as no booster.",
+)
 
 # %% [markdown]
-# Seen: the parabola, its lowest point, and what shrinkage does. With $\eta\,\alpha$ in the place of $\alpha$ the loss
-# falls by $(2\eta - \eta^2)\,A^2/B$ (claim T1-d): at $\eta = 0.1$ by 19 % of what was to be had.
-
-
-# %%
-def parabola(chosen):
-    """The frozen loss over α, with one α picked out."""
-    _, axes = plt.subplots(figsize=(7, 3.2))
-    alphas = np.linspace(-0.4, 2.4, 200) * A / B
-    axes.plot(alphas, [((residual - each * h) ** 2).sum() for each in alphas], color=BLUE)
-    axes.axhline(before, color="0.6", linestyle=":")
-    for each, colour, mark, name in (
-        (A / B, GREEN, "o", "A/B (Eq. 8)"),
-        (0.1 * A / B, ORANGE, "s", "0.1 · A/B (shrunk)"),
-        (chosen, VERMILLION, "^", f"α = {chosen:.2f}"),
-    ):
-        axes.plot(
-            each, ((residual - each * h) ** 2).sum(), mark, color=colour, markersize=9, label=name
-        )
-    axes.set(
-        xlabel="α",
-        ylabel="Σ (r − α h)²",
-        title="The loss is a parabola in α; dotted: without the booster",
-    )
-    axes.legend()
-    plt.show()
-
-
-parabola(2 * A / B)
-assert np.isclose(((residual - 0.1 * A / B * h) ** 2).sum(), before - 0.19 * A**2 / B)
-
-# %% [markdown]
-# The triangle stands at twice the best α: there the loss is what it was without the booster. Any α between 0 and that
-# point is an improvement, any other makes things worse. Move it:
+# **Shrinkage** takes only a part η of the best step. The loss then falls by
+# $(2\eta - \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of what was to be had. At twice the best
+# α the loss is what it was without the booster. Move α:
 
 # %% tags=["slider"]
 from ipywidgets import FloatSlider, interact
 
 _ = interact(
-    parabola, chosen=FloatSlider(value=2 * A / B, min=-0.4, max=1.6, step=0.05, description="α")
+    lambda chosen: show(pictures.parabola(r_m, h_m, chosen), alt="the parabola"),
+    chosen=FloatSlider(value=2 * A / B, min=-0.4, max=1.6, step=0.05, description="α"),
 )
 
 # %% [markdown]
-# > **Predict, then run.** Can α be negative? The paper says that all $\alpha_i$ are positive.
+# > **Predict.** The paper has $\alpha_i > 0$ (Eq. 1). Can the α of Eq. 8 be negative? And
+# > for a booster that fits no worse than zero does?
 
-# %%
-closed_form_alpha(np.array([-1.0]), np.array([1.0]))
-
-# %% [markdown]
-# A booster that points the wrong way gets a negative weight (claim M2). It can even happen to the *best possible*
-# booster, when training weighs the samples and Eq. 8 does not (claim M12). Take the two samples from above and the
-# exact weighted fit h = −2/5:
-
-# %%
-r, w = np.array([2.0, -1.0]), np.array([0.25, 1.0])
-h = np.full(2, closed_form_alpha(r, np.ones(2), w))
-unweighted, weighted = closed_form_alpha(r, h), closed_form_alpha(r, h, w)
-for name, alpha in (("no booster", 0.0), ("α of Eq. 8", unweighted), ("weighted α", weighted)):
-    print(
-        f"{name:12} α = {alpha:+.2f}   weighted loss Σ w (r − αh)² = {(w * (r - alpha * h) ** 2).sum():.4f}"
-    )
-assert np.isclose(unweighted, -5 / 4) and np.isclose((w * (r - unweighted * h) ** 2).sum(), 45 / 16)
-
-# %% [markdown]
-# Eq. 8 turns the exact fit around and raises the very loss that it was fitted to, from 2 to 45/16. With the weights in
-# its sums it cannot: the weighted loss falls by $A_w^2/B_w$ (claim T1-e). The code uses those (D7), and takes them over
-# the whole buffer: the α of a minibatch may raise the loss of the rest (claim T1-j).
-#
-# **Exercise 4.** Show on random numbers that a booster which fits no worse than 0 does, $\sum (r - h)^2 \le \sum r^2$, has
-# α ≥ ½. (Expand the square.)
-
-# %% tags=["solution"] jupyter={"source_hidden": true}
+# %% tags=["predicted"]
+print("r = −1, h = 1: α =", closed_form_alpha(np.array([-1.0]), np.array([1.0])))
+smallest = 1.0
 for _ in range(1000):
     r, h = rng.normal(size=(2, 5))
-    change = ((r - h) ** 2).sum() - (r**2).sum()  # = −2A + B = (1 − 2α) B
     alpha = closed_form_alpha(r, h)
-    assert np.isclose(change, (1 - 2 * alpha) * (h @ h))
-    assert (change <= 0) == (alpha >= 0.5)
+    worse = ((r - h) ** 2).sum() - r @ r
+    assert np.isclose(worse, (1 - 2 * alpha) * (h @ h))  # −2A + B
+    smallest = min(smallest, alpha if worse <= 0 else 1.0)
+print(f"fits no worse than zero, smallest α of 1,000: {smallest:.3f}")
+assert smallest >= 0.5
 
 # %% [markdown]
+# A booster that points the wrong way gets a negative weight. One that fits no worse than
+# zero has α ≥ ½ (M2).
+#
+# That holds if the fit and Eq. 8 use the same weights. Take the two samples from above and
+# their exact weighted fit, h = −1/5. The best possible booster now gets an α of −5:
+
+# %%
+r, w = np.array([3.0, -1.0]), np.array([0.25, 1.0])
+h = np.full(2, constant(r, w))
+plain, weighted = step_size(r, h, np.ones(2)), step_size(r, h, w)
+for name, alpha in (("none", 0.0), ("of Eq. 8", plain), ("weighted", weighted)):
+    loss = (w * (r - alpha * h) ** 2).sum()
+    print(f"α {name:8} = {alpha:+.0f}   weighted loss {loss:.2f}")
+assert np.isclose(plain, -5) and np.isclose(weighted, 1)
+assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
+
+# %% [markdown]
+# Eq. 8 turns the exact fit around and raises the very loss that it was fitted to (M12). With
+# the weights in both sums it cannot: the weighted loss falls by $A_w^2/B_w$ (T1-e). The
+# package uses those (D7), over the whole buffer, since the α of a minibatch may raise the
+# loss of the rest (T1-j).
+#
 # ## Eq. 9 · Folding the booster in
 #
 # $$Q_m = Q_{m-1} + \alpha_m h_m \tag{9}$$
-#
-# When the next drift comes, $h_m$ is frozen with its weight and becomes part of $Q_{m-1}$. In the agent this is one
-# function. Besides `ensemble.add` it does the trick that makes boosting cheap: the frozen predictions
-# $Q_{m-1}(s_i, a_i)$ and $Q_{m-1}(s'_i, \cdot)$ of every stored transition are kept in two arrays, and folding in adds
-# one booster's share to them. A training step then touches only the newest network, however many there are (claims M17,
-# M19); each of them is as large as the first, so that "lightweight" is not the word (claim M18).
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $\alpha_m$ | `agent.alpha` | scalar | a number, or Eq. 8's |
 # | $Q_{m-1}(s_i, a_i)$ | `agent.q_frozen` | (N,) | kept beside every transition |
 # | $Q_{m-1}(s'_i, \cdot)$ | `agent.q_frozen_next` | (N, A) | likewise |
+#
+# At the next drift $h_m$ is frozen and joins $Q_{m-1}$. The package keeps the frozen answers
+# for every stored transition and adds one booster's share to them.
+#
+# **Exercise 4.** Bring the kept $Q_{m-1}(s_i, a_i)$ up to date.
+
 
 # %%
-from gbdqn_ref.gbdqn import GBDQN
+def fold_in(q_frozen, a, h, alpha):
+    """Q_m(s_i, a_i) from q_frozen (B,), actions a (B,), h_m(s_i, ·) (B, A), and α_m."""
+    ...  # yours
 
-source(GBDQN.fold_in)
+
+fold_in = check("fold_in", fold_in)
+solution("fold_in")
 
 # %% [markdown]
-# Once more, naively: fill a buffer, fold in three boosters, and ask the whole ensemble about every transition.
+# The package's agent, after three boosters, against the whole ensemble and against yours:
 
 # %%
-from gbdqn_ref.config import Config
-
-agent = GBDQN(2, 3, Config(hidden=[16], capacity=50, alpha=0.5), np.random.default_rng(0))
-for _ in range(50):
-    s, s2 = rng.normal(size=(2, 2)).astype(np.float32)
-    agent.observe(s, int(rng.integers(3)), -1.0, s2, False)
+config = Config(hidden=[16], capacity=50, alpha=0.5)
+agent = GBDQN(ROOMS, 2, config, np.random.default_rng(0))
+for room, action in zip(
+    rng.integers(1, ROOMS, 50), rng.integers(2, size=50), strict=True
+):
+    agent.observe(rooms[room], int(action), -1.0, rooms[room - 1], bool(room == 1))
+s, a, yours = agent.replay.s, agent.replay.a, agent.q_frozen
 for _ in range(3):
-    agent.fold_in()
+    yours = fold_in(yours, a, agent.net.forward(agent.theta, s)[0], agent.alpha)
+    asked = agent.q(rooms)
+    agent.on_drift("drift")
+    assert np.allclose(agent.q(rooms), asked, atol=1e-6)
+    agent.theta = agent.net.init(rng)  # as if it had learnt something
 
-for i in range(50):
-    q = sum(
-        alpha * agent.net.forward(theta, agent.replay.s[i][None])[0][0, agent.replay.a[i]]
-        for theta, alpha in zip(agent.ensemble.theta, agent.ensemble.alpha, strict=True)
-    )
-    assert np.isclose(q, agent.q_frozen[i], atol=1e-5)
-
-# %% [markdown]
-# **Exercise 5.** After `fold_in` the agent goes on with the same θ, which would count twice. What does `on_drift` do about
-# it? Read its source, then check that right after a drift no answer has changed.
-
-# %% tags=["solution"] jupyter={"source_hidden": true}
-agent = GBDQN(2, 3, Config(hidden=[16], alpha=0.5), np.random.default_rng(0))
-somewhere = rng.normal(size=(9, 2)).astype(np.float32)
-asked = agent.q(somewhere)
-agent.on_drift("drift")  # folds in, then starts h_{m+1} as the zero function
-assert np.allclose(agent.q(somewhere), asked, atol=1e-6) and len(agent.ensemble) == 1
+assert np.allclose(yours, agent.q_frozen, atol=1e-5)
+assert np.allclose(agent.ensemble.q(s)[np.arange(50), a], agent.q_frozen, atol=1e-5)
 
 # %% [markdown]
-# ## What to take along
+# So an update evaluates one network, however many there are (M17, M19). Each booster is as
+# large as the first, though; “lightweight” is not the word (M18). And a drift changes no
+# answer: the next booster starts as the zero function.
 #
-# | | as printed | in truth |
-# |---|---|---|
-# | Eqs. 2–3 | the residual is the negative gradient | yes, with $y$ held fixed |
-# | Eq. 6 and after | so use $r$ for $w\,r$ | four different learners |
-# | Eq. 7 | min | argmin |
-# | Eq. 8 | α > 0, for the weighted loss too | any sign; only with the weights in it does it lower the weighted loss |
-# | Eq. 5 | α shrinks the step | not where α is inside the loss: it cancels |
+# ## How to read this with the paper open
 #
-# **Next:** notebook 5, where the samples come from.
+# - Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a slow copy
+#   (M6). A frozen network is its own copy, so it makes no difference (D3).
+# - Eqs. 2–3: read “with y held fixed”. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8: put
+#   the weights into both sums.
+#
+# ## Summary
+#
+# The ensemble is a sum, and the residual is the direction in which its loss falls, with y
+# held fixed. In regression a zero residual means that nothing is left to learn. In the
+# corridor it means only that Q agrees with itself: after the goal moved, two rooms have a
+# residual, nine have a wrong value. The best step is $A/B$, with the weights of the loss in
+# both sums; α inside the loss shrinks nothing.
+#
+# [← 3](03_forgetting.ipynb) · [contents](README.md) · [5 →](05_dqn.ipynb)
