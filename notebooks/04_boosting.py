@@ -1,11 +1,11 @@
 # %% [markdown]
 # # 4 · Boosting
 #
-# You will be able to derive each step of GB-DQN's boosting, Eqs. 1–9, and to say where a
-# residual of zero hides a wrong value.
+# You will be able to derive each step of GB-DQN's boosting, Eqs. 1–9, and to say where
+# a residual of zero hides a wrong value.
 #
-# *Time: 30 minutes. Needs: notebooks 1, 2. With the paper open: section Gradient Boosted
-# DQN, Eqs. 1–9.*
+# *Time: 30 minutes. Needs: notebooks 1, 2. With the paper open: section Gradient
+# Boosted DQN, Eqs. 1–9.*
 
 # %%
 import numpy as np
@@ -36,8 +36,8 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 # | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters |
 # | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the **ensemble** |
 #
-# All boosters in an ensemble are frozen. You can ask the ensemble, or add a booster, and
-# adding one adds its term (M1).
+# All boosters in an ensemble are frozen. You can ask the ensemble, or add a booster,
+# and adding one adds its term (M1).
 
 # %%
 source(Ensemble.boosters, Ensemble.terms)
@@ -80,10 +80,10 @@ print(Ensemble(net).q(rooms)[5])
 # | $L$ | `weighted_loss(error, weight)` | scalar | a mean in the code (D2) |
 # | $\partial L/\partial Q$ | `loss_gradient(error, weight, a, n_actions)` | (B, A) | 0 for actions not taken |
 #
-# An importance weight makes up for drawing some samples more often than others. Read the
-# answers $Q_i = Q(s_i, a_i)$ as free numbers. The steepest way down adds to each its own
-# weighted residual. **Gradient boosting** takes this step with a function: it fits a learner
-# h to the residuals and adds a multiple of it.
+# An importance weight makes up for drawing some samples more often than others. Read
+# the answers $Q_i = Q(s_i, a_i)$ as free numbers. The steepest way down adds to each
+# its own weighted residual. **Gradient boosting** takes this step with a function: it
+# fits a learner h to the residuals and adds a multiple of it.
 
 # %%
 source(weighted_loss)
@@ -135,8 +135,8 @@ residual = check("residual", residual)
 solution("residual")
 
 # %% [markdown]
-# Three steps in the ten rooms. The frozen ensemble knows the way to room 9; the goal has
-# moved to room 0.
+# Three steps in the ten rooms. The frozen ensemble knows the way to room 9; the goal
+# has moved to room 0.
 #
 # > **Predict.** The steps are: 5 → 6, 9 → 8, and 1 → 0, which is now the end. Which of
 # > them has a residual?
@@ -157,8 +157,9 @@ print(left_to_learn.round(3))
 #
 # ## Regression: a residual that tells the truth
 #
-# First the case for which boosting was made. The world is a curve; it drifts on the right,
-# at x > 0.2. $h_1$ has learnt the old curve and is frozen. $h_2$ learns the residual.
+# First the case for which boosting was made. The world is a curve; it drifts on the
+# right, at x > 0.2. $h_1$ has learnt the old curve and is frozen. $h_2$ learns the
+# residual.
 
 # %%
 x = np.linspace(-1, 1, 200, dtype=np.float32)[:, None]
@@ -185,17 +186,17 @@ assert np.abs(after - h_1(x) - h_2(x)).max() < 0.2
 
 show(
     pictures.curves(x[:, 0], before, after, h_1(x), h_2(x)),
-    alt="Three panels: the first network fits the old curve; the residual is zero on the "
-    "left and grows on the right; their sum fits the new curve.",
+    alt="Three panels: the first network fits the old curve; the residual is zero on "
+    "the left and grows on the right; their sum fits the new curve.",
 )
 
 # %% [markdown]
-# `zero_output=True` starts the booster as the zero function, so that adding it changes no
-# answer before it has learnt something (D11). Where the label has not changed, the residual
-# is near zero, and the booster has nothing to do.
+# `zero_output=True` starts the booster as the zero function, so that adding it changes
+# no answer before it has learnt something (D11). Where the label has not changed, the
+# residual is near zero, and the booster has nothing to do.
 #
-# > **Predict.** $h_2$ saw all of x. Let a second one learn from x > 0.2 only. How far does
-# > each move the answer on the left, where nothing has changed?
+# > **Predict.** $h_2$ saw all of x. Let a second one learn from x > 0.2 only. How far
+# > does each move the answer on the left, where nothing has changed?
 
 # %% tags=["predicted"]
 half = fit(x[right], (after - h_1(x))[right], zero_output=True)
@@ -204,17 +205,18 @@ print(f"learnt from all of x: {everywhere:.3f}, from the right only: {elsewhere:
 assert elsewhere > 3 * everywhere > 0
 
 # %% [markdown]
-# On the left nothing held it still. Data with a residual of zero keep a booster local; the
-# method does not (T4-b).
+# On the left nothing held it still. Data with a residual of zero keep a booster local;
+# the method does not (T4-b).
 #
 # ## The corridor: a residual of zero that hides a wrong value
 #
 # The paper says: “Each new learner focuses only on correcting the discrepancies of the
-# existing ensemble” (section Gradient Boosted DQN). In regression that is all there is to
-# correct. Now the ten rooms, frozen on the day the goal moved from room 9 to room 0, and
-# every step from every room is in the data.
+# existing ensemble” (section Gradient Boosted DQN). In regression that is all there is
+# to correct. Now the ten rooms, frozen on the day the goal moved from room 9 to room 0,
+# and every step from every room is in the data.
 #
-# > **Predict.** The best action changes in eight rooms. In how many is there a residual?
+# > **Predict.** The best action changes in eight rooms. In how many is there a
+# > residual?
 
 # %% tags=["predicted"]
 q_old[0] = 0  # room 0 is now the end: nothing comes after it (D1)
@@ -229,14 +231,15 @@ assert (len(seen), len(wrong), len(turn)) == (2, 9, 8)
 
 show(
     pictures.hidden(q_old, q_new, new.residual(q_old)),
-    alt="Above: the frozen value rises to the right, the new value to the left; all nine "
-    "differ and eight arrows turn. Below: only rooms 1 and 9 have a residual.",
+    alt="Above: the frozen value rises to the right, the new value to the left; all "
+    "nine differ and eight arrows turn. Below: only rooms 1 and 9 have a "
+    "residual.",
 )
 
 # %% [markdown]
-# The residual looks one step ahead. In room 5 it compares the value of room 5 with that of
-# room 6. Both are wrong in the same way, so they agree. **A residual of zero means that Q
-# agrees with itself, not that it is right.**
+# The residual looks one step ahead. In room 5 it compares the value of room 5 with that
+# of room 6. Both are wrong in the same way, so they agree. **A residual of zero means
+# that Q agrees with itself, not that it is right.**
 #
 # So a booster that fits its residual perfectly is not done:
 
@@ -251,8 +254,8 @@ assert right_way < 9
 
 # %% [markdown]
 # Each booster gives the next one something to do, a room further. Either there are many
-# boosters, or y must contain the booster while it learns: the package's `target="live"`.
-# Notebook 7 compares both.
+# boosters, or y must contain the booster while it learns: the package's
+# `target="live"`. Notebook 7 compares both.
 #
 # ## Eqs. 5–6 · What the booster is fitted to
 #
@@ -269,8 +272,8 @@ assert right_way < 9
 # | $w_i$ | `batch.weight` | (B,) | importance weight |
 # | $J_m$ | `weighted_loss(residual - factor * h, weight)` | scalar | as in Eq. 3 |
 #
-# The paper calls both $J_m$, one without weights and one with (M7). A weight may move into
-# the square as its root, *if it moves onto both terms* (M8):
+# The paper calls both $J_m$, one without weights and one with (M7). A weight may move
+# into the square as its root, *if it moves onto both terms* (M8):
 
 # %%
 r, h, w = rng.normal(size=4), rng.normal(size=4), np.array([0.1, 1.0, 0.5, 0.0])
@@ -282,9 +285,9 @@ assert np.isclose(outside, inside)
 assert np.isclose(outside / 4, weighted_loss(r - 0.7 * h, w))  # a mean over four
 
 # %% [markdown]
-# The paper concludes: “for simplicity, we use the residual” r instead of w r (after Eq. 6).
-# That does not follow (M9). The smallest example has two samples and a learner that can
-# only say one constant.
+# The paper concludes: “for simplicity, we use the residual” r instead of w r (after Eq.
+# 6). That does not follow (M9). The smallest example has two samples and a learner that
+# can only say one constant.
 #
 # **Exercise 2.** Fit the constant h that minimises $\sum_i w_i (r_i - h)^2$.
 
@@ -299,8 +302,8 @@ constant = check("constant", constant)
 solution("constant")
 
 # %% [markdown]
-# > **Predict.** With r = (3, −1) and w = (¼, 1), four readings of that sentence give four
-# > constants. Multiply both weights by 9. Which of the four stay?
+# > **Predict.** With r = (3, −1) and w = (¼, 1), four readings of that sentence give
+# > four constants. Multiply both weights by 9. Which of the four stay?
 
 # %% tags=["predicted"]
 r, w, one = np.array([3.0, -1.0]), np.array([0.25, 1.0]), np.ones(2)
@@ -322,31 +325,34 @@ assert len(set(once.values())) == 4
 assert [round(scaled[name] / once[name]) for name in once] == [1, 1, 9, 3]
 
 # %% [markdown]
-# Only the size of the weights *relative to each other* should matter, and only the first
-# two readings say so. The package takes the second: weights in the loss, residual as it is.
+# Only the size of the weights *relative to each other* should matter, and only the
+# first two readings say so. The package takes the second: weights in the loss, residual
+# as it is.
 #
 # Eq. 5 hides one more choice. With $\alpha_m$ *inside* the square, a learner that can
-# represent anything becomes $h = r/\alpha$, so $\alpha h = r$: however small α is, the step
-# is a whole one (M13, B2). Algorithm 1 leaves α out of its loss; then the step is αr. The
-# package has both: `loss_on="alpha_h"` and `loss_on="h"`.
+# represent anything becomes $h = r/\alpha$, so $\alpha h = r$: however small α is, the
+# step is a whole one (M13, B2). Algorithm 1 leaves α out of its loss; then the step is
+# αr. The package has both: `loss_on="alpha_h"` and `loss_on="h"`.
 #
 # ## Eqs. 7–8 · How long a step
 #
 # $$\alpha_m = \arg\min_\alpha \sum_i \bigl(r_{i,m} - \alpha\,h_m(s_i, a_i)\bigr)^2
-#  = \frac{\sum_i r_{i,m}\,h_m(s_i, a_i)}{\sum_i h_m(s_i, a_i)^2} = \frac AB \tag{7, 8}$$
+#  = \frac{\sum_i r_{i,m}\,h_m(s_i, a_i)}{\sum_i h_m(s_i, a_i)^2} = \frac AB
+#  \tag{7, 8}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $r_{i,m}$, $h_m(s_i, a_i)$ | `residual`, `h` | (n,) | what was to be fitted, what the booster says |
 # | – | `weights` | (n,) | the weights of the loss; Eq. 8 forgets them (D7) |
 #
-# (Eq. 7 prints min; the *place* of the minimum is meant, M10.) Expand the square:
-# $\sum r^2 - 2\alpha A + \alpha^2 B$, a parabola in α. It is lowest at $A/B$, where its
-# height is $\sum r^2 - A^2/B$ (M11). **That height is all of Theorem 1.** With fixed labels
-# no step raises the training loss (M14, T1-k). Yet the loss need not end at zero, since
-# steps may help less and less (M15).
+# (Eq. 7 prints min; the *place* of the minimum is meant, M10.) Expand the square: $\sum
+# r^2 - 2\alpha A + \alpha^2 B$, a parabola in α. It is lowest at $A/B$, where its
+# height is $\sum r^2 - A^2/B$ (M11). **That height is all of Theorem 1.** With fixed
+# labels no step raises the training loss (M14, T1-k). Yet the loss need not end at
+# zero, since steps may help less and less (M15).
 #
-# **Exercise 3.** Write the α that minimises the *weighted* loss $\sum w (r - \alpha h)^2$.
+# **Exercise 3.** Write the α that minimises the *weighted* loss $\sum w (r - \alpha
+# h)^2$.
 
 
 # %%
@@ -375,9 +381,9 @@ show(
 )
 
 # %% [markdown]
-# **Shrinkage** takes only a part η of the best step. The loss then falls by
-# $(2\eta - \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of what was to be had. At twice the best
-# α the loss is what it was without the booster. Move α:
+# **Shrinkage** takes only a part η of the best step. The loss then falls by $(2\eta -
+# \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of what was to be had. At twice the best α
+# the loss is what it was without the booster. Move α:
 
 # %% tags=["slider"]
 from ipywidgets import FloatSlider, interact
@@ -388,8 +394,8 @@ _ = interact(
 )
 
 # %% [markdown]
-# > **Predict.** The paper has $\alpha_i > 0$ (Eq. 1). Can the α of Eq. 8 be negative? And
-# > for a booster that fits no worse than zero does?
+# > **Predict.** The paper has $\alpha_i > 0$ (Eq. 1). Can the α of Eq. 8 be negative?
+# > And for a booster that fits no worse than zero does?
 
 # %% tags=["predicted"]
 print("r = −1, h = 1: α =", closed_form_alpha(np.array([-1.0]), np.array([1.0])))
@@ -404,11 +410,11 @@ print(f"fits no worse than zero, smallest α of 1,000: {smallest:.3f}")
 assert smallest >= 0.5
 
 # %% [markdown]
-# A booster that points the wrong way gets a negative weight. One that fits no worse than
-# zero has α ≥ ½ (M2).
+# A booster that points the wrong way gets a negative weight. One that fits no worse
+# than zero has α ≥ ½ (M2).
 #
-# That holds if the fit and Eq. 8 use the same weights. Take the two samples from above and
-# their exact weighted fit, h = −1/5. The best possible booster now gets an α of −5:
+# That holds if the fit and Eq. 8 use the same weights. Take the two samples from above
+# and their exact weighted fit, h = −1/5. The best possible booster now gets an α of −5:
 
 # %%
 r, w = np.array([3.0, -1.0]), np.array([0.25, 1.0])
@@ -421,10 +427,10 @@ assert np.isclose(plain, -5) and np.isclose(weighted, 1)
 assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 
 # %% [markdown]
-# Eq. 8 turns the exact fit around and raises the very loss that it was fitted to (M12). With
-# the weights in both sums it cannot: the weighted loss falls by $A_w^2/B_w$ (T1-e). The
-# package uses those (D7), over the whole buffer, since the α of a minibatch may raise the
-# loss of the rest (T1-j).
+# Eq. 8 turns the exact fit around and raises the very loss that it was fitted to (M12).
+# With the weights in both sums it cannot: the weighted loss falls by $A_w^2/B_w$
+# (T1-e). The package uses those (D7), over the whole buffer, since the α of a minibatch
+# may raise the loss of the rest (T1-j).
 #
 # ## Eq. 9 · Folding the booster in
 #
@@ -436,8 +442,8 @@ assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 # | $Q_{m-1}(s_i, a_i)$ | `agent.q_frozen` | (N,) | kept beside every transition |
 # | $Q_{m-1}(s'_i, \cdot)$ | `agent.q_frozen_next` | (N, A) | likewise |
 #
-# At the next drift $h_m$ is frozen and joins $Q_{m-1}$. The package keeps the frozen answers
-# for every stored transition and adds one booster's share to them.
+# At the next drift $h_m$ is frozen and joins $Q_{m-1}$. The package keeps the frozen
+# answers for every stored transition and adds one booster's share to them.
 #
 # **Exercise 4.** Bring the kept $Q_{m-1}(s_i, a_i)$ up to date.
 
@@ -452,7 +458,8 @@ fold_in = check("fold_in", fold_in)
 solution("fold_in")
 
 # %% [markdown]
-# The package's agent, after three boosters, against the whole ensemble and against yours:
+# The package's agent, after three boosters, against the whole ensemble and against
+# yours:
 
 # %%
 config = Config(hidden=[16], capacity=50, alpha=0.5)
@@ -473,23 +480,24 @@ assert np.allclose(yours, agent.q_frozen, atol=1e-5)
 assert np.allclose(agent.ensemble.q(s)[np.arange(50), a], agent.q_frozen, atol=1e-5)
 
 # %% [markdown]
-# So an update evaluates one network, however many there are (M17, M19). Each booster is as
-# large as the first, though; “lightweight” is not the word (M18). And a drift changes no
-# answer: the next booster starts as the zero function.
+# So an update evaluates one network, however many there are (M17, M19). Each booster is
+# as large as the first, though; “lightweight” is not the word (M18). And a drift
+# changes no answer: the next booster starts as the zero function.
 #
 # ## How to read this with the paper open
 #
-# - Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a slow copy
-#   (M6). A frozen network is its own copy, so it makes no difference (D3).
-# - Eqs. 2–3: read “with y held fixed”. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8: put
-#   the weights into both sums.
-#
+# - Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a slow
+#   copy (M6). A frozen network is its own copy, so it makes no difference (D3).
+# - Eqs. 2–3: read “with y held fixed”. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8:
+#   put the weights into both sums.
+
+# %% [markdown]
 # ## Summary
 #
-# The ensemble is a sum, and the residual is the direction in which its loss falls, with y
-# held fixed. In regression a zero residual means that nothing is left to learn. In the
-# corridor it means only that Q agrees with itself: after the goal moved, two rooms have a
-# residual, nine have a wrong value. The best step is $A/B$, with the weights of the loss in
-# both sums; α inside the loss shrinks nothing.
+# The ensemble is a sum, and the residual is the direction in which its loss falls, with
+# y held fixed. In regression a zero residual means that nothing is left to learn. In
+# the corridor it means only that Q agrees with itself: after the goal moved, two rooms
+# have a residual, nine have a wrong value. The best step is $A/B$, with the weights of
+# the loss in both sums; α inside the loss shrinks nothing.
 #
 # [← 3](03_forgetting.ipynb) · [contents](README.md) · [5 →](05_dqn.ipynb)

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # 5 · DQN
 #
-# You will be able to write a DQN: its target, its loss, its target network and its policy;
-# and you will have seen what each is good for on the ten rooms.
+# You will be able to write a DQN: its target, its loss, its target network and its
+# policy; and you will have seen what each is good for on the ten rooms.
 #
-# *Time: 25 minutes. Needs: notebooks 1, 3. With the paper open: Eqs. 2–4, section Ensemble
-# Target Networks.*
+# *Time: 25 minutes. Needs: notebooks 1, 3. With the paper open: Eqs. 2–4, section
+# Ensemble Target Networks.*
 
 # %%
 import numpy as np
@@ -22,9 +22,9 @@ rng = np.random.default_rng(0)
 q_star = corridor(goal=9).q_star()
 
 # %% [markdown]
-# GB-DQN is a sum of **DQNs** (deep Q-networks): Q-learning with a network in place of the
-# table. Two things are added, a target network and a **replay**, which stores past steps
-# and draws each batch from them (notebook 6).
+# GB-DQN is a sum of **DQNs** (deep Q-networks): Q-learning with a network in place of
+# the table. Two things are added, a target network and a **replay**, which stores past
+# steps and draws each batch from them (notebook 6).
 #
 # ## Eq. 4, first half · The target
 #
@@ -57,9 +57,9 @@ solution("td_target")
 source(bellman.td_target)
 
 # %% [markdown]
-# > **Predict.** From room 8 you step into room 9, the goal. No step ever starts there, so
-# > the network has never been trained on room 9. It happens to say −50 and −60. What is y
-# > with the factor, and what is y as the paper prints it?
+# > **Predict.** From room 8 you step into room 9, the goal. No step ever starts there,
+# > so the network has never been trained on room 9. It happens to say −50 and −60. What
+# > is y with the factor, and what is y as the paper prints it?
 
 # %% tags=["predicted"]
 room, reward, end = step(8, 1, goal=9)
@@ -70,16 +70,17 @@ assert y == bellman.td_target(np.array([reward]), np.array([end]), said, GAMMA)
 print("with the factor:", y[0], "  as printed:", printed[0])
 
 # %% [markdown]
-# As printed, a number that nothing ever corrects leaks from room 9 into room 8, and from
-# there into all others (P4).
+# As printed, a number that nothing ever corrects leaks from room 9 into room 8, and
+# from there into all others (P4).
 #
-# The opposite mistake is as common. A **time limit** is not an end: if a walk is cut off
-# after some steps, it could have gone on, and the target must bootstrap. The paper says that
-# *done* means “the agent reached the goal state”; on CartPole and Hopper it means that the
-# agent fell (R15). The package has two flags, `terminated` and `truncated`.
+# The opposite mistake is as common. A **time limit** is not an end: if a walk is cut
+# off after some steps, it could have gone on, and the target must bootstrap. The paper
+# says that *done* means “the agent reached the goal state”; on CartPole and Hopper it
+# means that the agent fell (R15). The package has two flags, `terminated` and
+# `truncated`.
 #
-# > **Predict.** Every third step is the last before a cut. Treat cuts as ends. Does room 0
-# > look better than it is, or worse?
+# > **Predict.** Every third step is the last before a cut. Treat cuts as ends. Does
+# > room 0 look better than it is, or worse?
 
 # %% tags=["predicted"]
 true, Q = q_star[0].max(), np.zeros((ROOMS, 2))
@@ -89,7 +90,8 @@ print(f"room 0: {true:.2f} in truth, {Q[0].max():.2f} with cuts as ends")
 assert np.allclose(Q, corridor(9, gamma=GAMMA * 2 / 3).q_star())
 
 # %% [markdown]
-# Better: a cut taken for an end is a discount that nobody set, here 0.6 in place of 0.9.
+# Better: a cut taken for an end is a discount that nobody set, here 0.6 in place of
+# 0.9.
 #
 # ## Eqs. 2–3 · The loss
 #
@@ -116,10 +118,12 @@ td_gradient = check("td_gradient", td_gradient)
 solution("td_gradient")
 
 # %% [markdown]
-# By hand: nudge Q and see how the loss moves. Then the bug that most such programs once had.
+# By hand: nudge Q and see how the loss moves. Then the bug that most such programs once
+# had.
 #
-# > **Predict.** `error` has shape (4,). Somebody reads `weight` as a column, (4, 1). NumPy
-# > multiplies them without a word. What is the shape, and what becomes of the weights?
+# > **Predict.** `error` has shape (4,). Somebody reads `weight` as a column, (4, 1).
+# > NumPy multiplies them without a word. What is the shape, and what becomes of the
+# > weights?
 
 # %% tags=["predicted"]
 error, weight, a = rng.normal(size=4), rng.uniform(0.2, 1, 4), np.array([0, 2, 1, 2])
@@ -145,8 +149,8 @@ except AssertionError as refusal:
     print("the package refuses it:", refusal)
 
 # %% [markdown]
-# Every weight multiplied every error, and the mean averaged the weights away: no importance
-# weights, and no error message.
+# Every weight multiplied every error, and the mean averaged the weights away: no
+# importance weights, and no error message.
 #
 # ## One update, whole
 
@@ -154,8 +158,8 @@ except AssertionError as refusal:
 source(DQN.learn)
 
 # %% [markdown]
-# Batch, target, error, gradient, Adam, target network, priorities. Adam and the network are
-# in notebook 14, the priorities in notebook 6.
+# Batch, target, error, gradient, Adam, target network, priorities. Adam and the network
+# are in notebook 14, the priorities in notebook 6.
 #
 # ## The target network
 #
@@ -167,9 +171,9 @@ source(DQN.learn)
 # | $\bar\theta$ | `theta_target` | (P,) | those of the **target network** |
 # | $\tau$ | `tau` | scalar | 0.01 in the package, at each update (D9) |
 #
-# The target network is a copy that follows slowly (P1); this average is named after Polyak.
-# It is there because y is made of Q: each update moves the goal of the next. The paper
-# hopes for “a slowly varying bootstrap target”.
+# The target network is a copy that follows slowly (P1); this average is named after
+# Polyak. It is there because y is made of Q: each update moves the goal of the next.
+# The paper hopes for “a slowly varying bootstrap target”.
 #
 # **Exercise 3.** Write it.
 
@@ -184,13 +188,13 @@ polyak = check("polyak", polyak)
 solution("polyak")
 
 # %% [markdown]
-# What is it good for? Take it away: with τ = 1 the copy is the network itself. We measure on
-# the ten rooms, where Q* is known. All 18 steps there are lie in the replay, so that
-# exploration plays no part. Once Q is a table, and once a network that is told the room as
-# one number, so that rooms cannot move alone.
+# What is it good for? Take it away: with τ = 1 the copy is the network itself. We
+# measure on the ten rooms, where Q* is known. All 18 steps there are lie in the replay,
+# so that exploration plays no part. Once Q is a table, and once a network that is told
+# the room as one number, so that rooms cannot move alone.
 #
-# > **Predict.** τ = 1, 0.1, 0.01 and 0. Which is fastest on the table? Which ends nearest
-# > to Q* with the network? Where does τ = 0 end?
+# > **Predict.** τ = 1, 0.1, 0.01 and 0. Which is fastest on the table? Which ends
+# > nearest to Q* with the network? Where does τ = 0 end?
 
 # %% tags=["predicted"]
 LIVED_IN, UPDATES, EVERY = range(9), 2500, 25  # room 9 is the end
@@ -243,17 +247,19 @@ assert late["a network", 1.0] > 3 * late["a network", 0.01]
 
 show(
     pictures.target_networks(errors, EVERY),
-    alt="Largest error over updates for four τ. On the table τ = 1 falls first. With a "
-    "network τ = 1 stays near 1 and jitters; τ = 0.01 falls late, and far below it.",
+    alt="Largest error over updates for four τ. On the table τ = 1 falls first. With "
+    "a network τ = 1 stays near 1 and jitters; τ = 0.01 falls late, and far below "
+    "it.",
 )
 
 # %% [markdown]
-# On the table the target network only costs time. With the network, τ = 1 moves the targets
-# of all rooms at each update: Q jitters far from Q*. With τ = 0.01 it arrives late, and much
-# nearer. So τ trades speed for calm. What is best depends on the task; 0.1 has both here.
+# On the table the target network only costs time. With the network, τ = 1 moves the
+# targets of all rooms at each update: Q jitters far from Q*. With τ = 0.01 it arrives
+# late, and much nearer. So τ trades speed for calm. What is best depends on the task;
+# 0.1 has both here.
 #
-# With τ = 0 the target never moves. Q ends one step ahead of the copy that it started with,
-# and stays there, however long it learns:
+# With τ = 0 the target never moves. Q ends one step ahead of the copy that it started
+# with, and stays there, however long it learns:
 
 # %%
 _, first, last = track("a table", 0.0, seed=0)
@@ -286,7 +292,8 @@ for _ in range(1000):  # it gives away at most τ ln |A| of the best value
     assert policy @ q >= q.max() - temperature * np.log(4) - 1e-9
 
 # %% [markdown]
-# The package subtracts the largest Q first, which changes nothing but the overflow (M16).
+# The package subtracts the largest Q first, which changes nothing but the overflow
+# (M16).
 #
 # > **Predict.** Multiply every reward by 10. Which of the two explores differently?
 
@@ -308,18 +315,18 @@ assert np.isclose(
 
 show(
     pictures.explorers(gaps, softmax, greedy),
-    alt="How often the better of two actions is taken. ε-greedy jumps to 95 % at once; "
-    "softmax rises with the gap, steeply at a low temperature.",
+    alt="How often the better of two actions is taken. ε-greedy jumps to 95 % at "
+    "once; softmax rises with the gap, steeply at a low temperature.",
 )
 
 # %% [markdown]
-# Softmax does. ε-greedy asks only which Q is larger; for softmax ten times the reward is a
-# tenth of the temperature.
+# Softmax does. ε-greedy asks only which Q is larger; for softmax ten times the reward
+# is a tenth of the temperature.
 #
 # ## On CartPole
 #
-# The same class with two hidden layers keeps a pole upright; 500 steps are the most. Two
-# runs without a target network, and two with the package's τ.
+# The same class with two hidden layers keeps a pole upright; 500 steps are the most.
+# Two runs without a target network, and two with the package's τ.
 #
 # > **Predict.** On which side are the better runs? Do they keep what they learn?
 
@@ -335,34 +342,38 @@ for tau, runs in returns.items():
     for seed, totals in zip(seeds, runs, strict=True):
         means = np.convolve(totals, np.full(10, 0.1), "valid")
         print(
-            f"τ = {tau:4g}, seed {seed}: at best {means.max():3.0f}, at the end {means[-1]:3.0f}"
+            f"τ = {tau:4g}, seed {seed}: at best {means.max():3.0f},",
+            f"at the end {means[-1]:3.0f}",
         )
 
 show(
     pictures.cartpole(returns),
-    alt="Returns of DQN on CartPole over episodes, two runs without and two with a target "
-    "network: all rise far above the start, and all go up and down.",
+    alt="Returns of DQN on CartPole over episodes, two runs without and two with a "
+    "target network: all rise far above the start, and all go up and down.",
 )
 
 # %% [markdown]
-# All of them learn. The printed runs without a target network rise higher: slow targets cost
-# time first, as on the table, and a run is short. None of them climbs steadily. A curve may
-# end at its peak or far below it, and on another machine the same seed draws another curve.
-# So one run says nothing about *keeping* what was learnt; notebook 12 counts it over many.
+# All of them learn. The printed runs without a target network rise higher: slow targets
+# cost time first, as on the table, and a run is short. None of them climbs steadily. A
+# curve may end at its peak or far below it, and on another machine the same seed draws
+# another curve. So one run says nothing about *keeping* what was learnt; notebook 12
+# counts it over many.
 #
 # ## How to read this with the paper open
 #
 # - Eq. 4: put the factor for the end into every target, in Algorithm 1 as well (lines 9
 #   and 16).
 # - Eqs. 2–3: a sum in the paper. A mean makes the step independent of the batch's size.
-# - One letter, two things: τ is the temperature in the policy, and the speed of the target
-#   network.
-#
+# - One letter, two things: τ is the temperature in the policy, and the speed of the
+#   target network.
+
+# %% [markdown]
 # ## Summary
 #
 # The target is r at the end of an episode and bootstraps everywhere else, a time limit
 # included. The loss is a mean over the action taken, with arrays of one shape. A target
 # network trades speed for calm: it slows a table down, calms a network, and with τ = 0
-# stops learning after one step ahead. Softmax depends on the size of Q, ε-greedy does not.
+# stops learning after one step ahead. Softmax depends on the size of Q, ε-greedy does
+# not.
 #
 # [← 4](04_boosting.ipynb) · [contents](README.md) · [6 →](06_replay.ipynb)

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # 6 · The replay
 #
-# You will be able to write GB-DQN's sampler, Eqs. 10–11, and to say which transitions it
-# draws as a drift passes, and what importance weights undo.
+# You will be able to write GB-DQN's sampler, Eqs. 10–11, and to say which transitions
+# it draws as a drift passes, and what importance weights undo.
 #
-# *Time: 30 minutes. Needs: notebook 5. With the paper open: section Recency and TD-error
-# Prioritized Replay, Eqs. 10–11.*
+# *Time: 30 minutes. Needs: notebook 5. With the paper open: section Recency and
+# TD-error Prioritized Replay, Eqs. 10–11.*
 
 # %%
 from itertools import product
@@ -25,13 +25,13 @@ rng = np.random.default_rng(0)
 # %% [markdown]
 # ## A buffer through a drift
 #
-# GB-DQN does not draw all stored steps, or **transitions**, alike. It prefers those with a
-# large TD error δ, and recent ones. That preference is the **priority** of a transition. The
-# paper expects that after a drift the old data show “high prediction error when evaluated in
-# the new environment”, and the new data a lower one.
+# GB-DQN does not draw all stored steps, or **transitions**, alike. It prefers those
+# with a large TD error δ, and recent ones. That preference is the **priority** of a
+# transition. The paper expects that after a drift the old data show “high prediction
+# error when evaluated in the new environment”, and the new data a lower one.
 #
-# Somebody walks through the ten rooms at random: 10,000 steps with the goal in room 9, then
-# the goal moves to room 0, and 1,000 more.
+# Somebody walks through the ten rooms at random: 10,000 steps with the goal in room 9,
+# then the goal moves to room 0, and 1,000 more.
 
 # %%
 OLD, NEW = 10_000, 1_000
@@ -49,8 +49,8 @@ def errors(stored, Q):
 
 
 # %% [markdown]
-# > **Predict.** Which share of the draws is old just after the drift, while Q is still that
-# > of the old world? And when Q has adapted, and knows the new world exactly?
+# > **Predict.** Which share of the draws is old just after the drift, while Q is still
+# > that of the old world? And when Q has adapted, and knows the new world exactly?
 
 # %% tags=["predicted"]
 
@@ -75,15 +75,17 @@ assert just_after < 0.7 < 0.9 < adapted
 
 show(
     pictures.mass(seen),
-    alt="Draws over age at three times. Before the drift all ages are drawn, with a hump of "
-    "recent ones. Just after it a third is new. Once Q has adapted nearly all are old.",
+    alt="Draws over age at three times. Before the drift all ages are drawn, with a "
+    "hump of recent ones. Just after it a third is new. Once Q has adapted nearly "
+    "all are old.",
 )
 
 # %% [markdown]
-# It is the other way round (R4). At the drift the old data fit the old Q exactly, and the new
-# ones surprise, though only in rooms 1 and 9. Once Q has adapted, the *old*
-# data have the errors, and get the draws. **Not the drift but recovering from it sends the
-# sampler back to old data.** Each draw then pulls Q back to a world that no longer exists.
+# It is the other way round (R4). At the drift the old data fit the old Q exactly, and
+# the new ones surprise, though only in rooms 1 and 9. Once Q has adapted, the *old*
+# data have the errors, and get the draws. **Not the drift but recovering from it sends
+# the sampler back to old data.** Each draw then pulls Q back to a world that no longer
+# exists.
 #
 # Try other settings: `mix` is β, the weight of the error; `rate` is α, how fast recency
 # fades.
@@ -98,9 +100,9 @@ _ = interact(
 )
 
 # %% [markdown]
-# Now the same as it happens: a full buffer of 10,000, in which each new transition replaces
-# the oldest. A table learns from it, 64 draws at every fourth step. Only the draws differ; the
-# last replay drops the old data at the drift.
+# Now the same as it happens: a full buffer of 10,000, in which each new transition
+# replaces the oldest. A table learns from it, 64 draws at every fourth step. Only the
+# draws differ; the last replay drops the old data at the drift.
 #
 # > **Predict.** Put in order: even draws, error alone, the package's defaults (β = 0.3,
 # > α = 0.0001), and the drop. After how many steps are all nine rooms right?
@@ -146,36 +148,39 @@ assert turned["the defaults"] > turned["even draws"] / 2
 
 show(
     pictures.ageing(tracks, EVERY),
-    alt="Left: the share of old draws over time; error alone stays highest late, a small β "
-    "falls fast, dropped data is 0 from the start. Right: rooms turn in the same order.",
+    alt="Left: the share of old draws over time; error alone stays highest late, a "
+    "small β falls fast, dropped data is 0 from the start. Right: rooms turn in "
+    "the same order.",
 )
 
 # %% [markdown]
-# With even draws the old share falls step by step. Error alone starts lower and ends higher.
-# And the defaults of the package, with 1,000 new among 10,000 old transitions?
+# With even draws the old share falls step by step. Error alone starts lower and ends
+# higher. And the defaults of the package, with 1,000 new among 10,000 old transitions?
 
 # %%
 share = [P[old].sum() for _, _, P, old in moments(mix=0.3, rate=1e-4)][1:]
 print(
-    f"defaults: {share[0]:.0%} to {share[1]:.0%} old, even draws: {OLD / (OLD + NEW):.0%}"
+    f"defaults: {share[0]:.0%} to {share[1]:.0%} old,",
+    f"even draws: {OLD / (OLD + NEW):.0%}",
 )
 assert 0.8 < share[0] < share[1] < OLD / (OLD + NEW)
 
 # %% [markdown]
-# Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those are
-# old. The defaults were chosen for long regimes and a buffer of 50,000, so that recency keeps
-# a third of the draws when all errors are alike (D13); they do not get rid of a world within
-# 1,000 steps. A small β and a larger rate do. They cost nothing here, since 1,000 steps at
-# random show every room; an agent that walks its own way forgets the rest (notebook 13).
+# Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those
+# are old. The defaults were chosen for long regimes and a buffer of 50,000, so that
+# recency keeps a third of the draws when all errors are alike (D13); they do not get
+# rid of a world within 1,000 steps. A small β and a larger rate do. They cost nothing
+# here, since 1,000 steps at random show every room; an agent that walks its own way
+# forgets the rest (notebook 13).
 #
 # ## Why even draws are not enough
 #
 # In a world that stands still, data of any behaviour will do (R1). The paper adds that
-# “because the Q-update is off-policy, the learning process remains unbiased”. Not on data of
-# two worlds (R2).
+# “because the Q-update is off-policy, the learning process remains unbiased”. Not on
+# data of two worlds (R2).
 #
-# > **Predict.** Half of the draws are of the old world, half of the new. Where does Q send
-# > you from room 2, and where from room 7?
+# > **Predict.** Half of the draws are of the old world, half of the new. Where does Q
+# > send you from room 2, and where from room 7?
 
 # %% tags=["predicted"]
 Q = np.zeros((10, 2))
@@ -186,12 +191,14 @@ for _ in range(300):
     Q[0], Q[9] = old_y[0], new_y[9]  # nobody starts in a goal
 print("the way from room 1 to 8:", " ".join("←→"[a] for a in Q[1:9].argmax(1)))
 print(
-    f"value of room 1: {Q[1].max():.2f}; old {q_old[1].max():.2f}, new {q_new[1].max():.2f}"
+    f"value of room 1: {Q[1].max():.2f};",
+    f"old {q_old[1].max():.2f}, new {q_new[1].max():.2f}",
 )
 assert q_old[1].max() < Q[1].max() < q_new[1].max()
 
 # %% [markdown]
-# To the nearer of two goals that are each there half of the time: a world that never was.
+# To the nearer of two goals that are each there half of the time: a world that never
+# was.
 #
 # ## Eq. 10, first half · Priority by error
 #
@@ -210,13 +217,13 @@ assert np.allclose(p, [0.01**0.6, 1.01**0.6, 1.01**0.6, 10.01**0.6])
 print(p.round(3))
 
 # %% [markdown]
-# Ten times the error is four times the priority; “proportional” needs exponent 1 and ε = 0
-# (R7). The priority grows with the error, so the draws do not favour “transitions where the
-# current ensemble performs well” (R3).
+# Ten times the error is four times the priority; “proportional” needs exponent 1 and ε
+# = 0 (R7). The priority grows with the error, so the draws do not favour “transitions
+# where the current ensemble performs well” (R3).
 #
-# **Drawing in proportion.** Lay the priorities end to end and drop a point u on the line. To
-# find its box you would add up N numbers. A **sum tree** keeps sums of groups and goes down
-# one path. The package has groups of 32, the picture of 2.
+# **Drawing in proportion.** Lay the priorities end to end and drop a point u on the
+# line. To find its box you would add up N numbers. A **sum tree** keeps sums of groups
+# and goes down one path. The package has groups of 32, the picture of 2.
 
 
 # %%
@@ -233,18 +240,19 @@ assert np.abs(drawn - tree.leaves / 24).max() < 0.01
 
 show(
     pictures.tree(tree.levels, u),
-    alt="Three rows of boxes: eight priorities, four sums of two, two sums of four. A line "
-    "at u = 14.5 meets one box in each row; the last is priority number 5.",
+    alt="Three rows of boxes: eight priorities, four sums of two, two sums of four. A "
+    "line at u = 14.5 meets one box in each row; the last is priority number 5.",
 )
 
 # %% [markdown]
-# Downwards: 14.5 is beyond 9, so right, with 5.5 left; 5.5 is within 7, so left; 5.5 is beyond
-# 5, so right. A new priority changes one sum in each row.
+# Downwards: 14.5 is beyond 9, so right, with 5.5 left; 5.5 is within 7, so left; 5.5 is
+# beyond 5, so right. A new priority changes one sum in each row.
 #
 # ## Eq. 10, second half · Priority by recency
 #
 # $$p^{time}_i = e^{-\alpha (T - t_i)}, \qquad
-#   S_{time} = \sum_{k=0}^{N-1} e^{-\alpha k} = \frac{1 - e^{-\alpha N}}{1 - e^{-\alpha}}$$
+#   S_{time} = \sum_{k=0}^{N-1} e^{-\alpha k}
+#   = \frac{1 - e^{-\alpha N}}{1 - e^{-\alpha}}$$
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
@@ -252,10 +260,11 @@ show(
 # | $\alpha$ | `recency_rate` | scalar | *not* the weight of a booster |
 # | $p^{time}_i$ | `time_priority(age, recency_rate)` | (B,) | 1 for the newest, in (0, 1] (R8) |
 #
-# The buffer is a ring: when it is full, the next transition takes the slot of the oldest.
+# The buffer is a ring: when it is full, the next transition takes the slot of the
+# oldest.
 #
-# **Exercise 1.** A ring of 5 slots has had 7 transitions, numbers 0 to 6. Slot 1 holds the
-# newest, slot 2 the oldest. Write the age of a slot.
+# **Exercise 1.** A ring of 5 slots has had 7 transitions, numbers 0 to 6. Slot 1 holds
+# the newest, slot 2 the oldest. Write the age of a slot.
 
 
 # %%
@@ -272,10 +281,11 @@ ring = filled(buffers.UniformReplay(5, 1), before[:7])
 assert [age(slot, 7, 5) for slot in range(5)] == ring.age(np.arange(5)).tolist()
 
 # %% [markdown]
-# Algorithm 1 (line 12) stores the step *within the episode* instead. By that clock old data
-# can look new: step 500 of the last episode, seen at step 1 of this one, has
-# $e^{0.01 \cdot 499} \approx 147$, where 1 is the most (R8, D5). It also keeps one number
-# $p_i$ until the transition is drawn again. A stored recency is 1 and does not decay.
+# Algorithm 1 (line 12) stores the step *within the episode* instead. By that clock old
+# data can look new: step 500 of the last episode, seen at step 1 of this one, has
+# $e^{0.01 \cdot 499} \approx 147$, where 1 is the most (R8, D5). It also keeps one
+# number $p_i$ until the transition is drawn again. A stored recency is 1 and does not
+# decay.
 #
 # The package stores none. It draws an age: $\Pr(\text{age} \le k) =
 # (1 - e^{-\alpha (k + 1)})/(1 - e^{-\alpha N})$.
@@ -324,9 +334,10 @@ probabilities = check("probabilities", probabilities)
 solution("probabilities")
 
 # %% [markdown]
-# A sum of priorities is a mixture of two distributions (R10). With $S = \sum p$ of each part,
-# $P = \lambda P_{TD} + (1 - \lambda) P_{time}$ and $\lambda = \beta S_{TD} / (\beta S_{TD} +
-# (1 - \beta) S_{time})$. So toss a coin: go down the tree, or draw an age.
+# A sum of priorities is a mixture of two distributions (R10). With $S = \sum p$ of each
+# part, $P = \lambda P_{TD} + (1 - \lambda) P_{time}$ and $\lambda = \beta S_{TD} /
+# (\beta S_{TD} + (1 - \beta) S_{time})$. So toss a coin: go down the tree, or draw an
+# age.
 
 # %%
 source(buffers.RecencyReplay._draw)
@@ -344,13 +355,14 @@ counts = np.bincount(small.sample(n, rng).index, minlength=40)
 assert (np.abs(counts - n * P) < 6 * np.sqrt(n * P)).all()  # six standard deviations
 
 # %% [markdown]
-# It is not the *product* of error and recency, to which Theorem 3 says that it tends (T3-a,
-# notebook 10): with |δ| = (2, 1) and recencies (1, ½) the mixture is (⅔, ⅓) for every β, and
-# the product (⅘, ⅕).
+# It is not the *product* of error and recency, to which Theorem 3 says that it tends
+# (T3-a, notebook 10): with |δ| = (2, 1) and recencies (1, ½) the mixture is (⅔, ⅓) for
+# every β, and the product (⅘, ⅕).
 #
-# > **Predict.** β = ½ and α = 0.01: half and half? Which share of the draws goes by recency
-# > with 100 transitions, with 10,000, and with the paper's 50,000, if all $p^{TD}$ are 1?
-# > And which α draws the newest ten of a thousand most often: 0.001, 0.1 or 10?
+# > **Predict.** β = ½ and α = 0.01: half and half? Which share of the draws goes by
+# > recency with 100 transitions, with 10,000, and with the paper's 50,000, if all
+# > $p^{TD}$ are 1? And which α draws the newest ten of a thousand most often: 0.001,
+# > 0.1 or 10?
 
 # %% tags=["predicted"]
 two = np.array([2.0, 1.0]), np.array([1.0, 0.5])
@@ -370,17 +382,19 @@ print("newest ten:", ", ".join(f"{each:.1%}" for each in newest))
 assert newest[0] < newest[1] > newest[2]
 
 # %% [markdown]
-# $S_{time}$ stays below $1/(1 - e^{-\alpha})$ while $S_{TD}$ grows with every transition. So
-# β sets no balance: in a full buffer the mixture *is* prioritized replay, unless α falls as
-# 1/N or β is tiny (R12). And a larger α favours the newest one, not recent ones: at α = 10
-# nothing else has any recency (R9).
+# $S_{time}$ stays below $1/(1 - e^{-\alpha})$ while $S_{TD}$ grows with every
+# transition. So β sets no balance: in a full buffer the mixture *is* prioritized
+# replay, unless α falls as 1/N or β is tiny (R12). And a larger α favours the newest
+# one, not recent ones: at α = 10 nothing else has any recency (R9).
 #
 # ## Algorithm 1, lines 11 and 18 · What goes stale
 #
-# The pictures at the top had every δ up to date. In a run, δ is renewed when it is drawn.
+# The pictures at the top had every δ up to date. In a run, δ is renewed when it is
+# drawn.
 #
-# > **Predict.** In one buffer of 10,000 all errors fell from 1 to 0, in another they rose from
-# > 0 to 1. No priority says so yet. Which of the two takes longer to be put right?
+# > **Predict.** In one buffer of 10,000 all errors fell from 1 to 0, in another they
+# > rose from 0 to 1. No priority says so yet. Which of the two takes longer to be put
+# > right?
 
 # %% tags=["predicted"]
 for was, now in ((1.0, 0.0), (0.0, 1.0)):
@@ -398,14 +412,14 @@ for place, p in (("text", p_1), ("line 11", p_0)):
     print(f"{place}: a newcomer among 1,000 waits {(1000 * p_1 + p) / p:,.0f} draws")
 
 # %% [markdown]
-# An error that is overestimated is drawn soon and corrected. One that is *under*estimated is
-# hardly drawn. Old data whose target has become wrong are of this kind. (In Algorithm 1 to the
-# letter δ is the residual of the frozen ensemble: it cannot go stale during a stage, nor does
-# it show what is left to learn; R5, R14.)
+# An error that is overestimated is drawn soon and corrected. One that is
+# *under*estimated is hardly drawn. Old data whose target has become wrong are of this
+# kind. (In Algorithm 1 to the letter δ is the residual of the frozen ensemble: it
+# cannot go stale during a stage, nor does it show what is left to learn; R5, R14.)
 #
-# A newcomer enters with the largest priority so far, says the text; with that of its own δ,
-# says line 11 (R13). If the network happens to fit it, it waits long. The package follows the
-# text (D4).
+# A newcomer enters with the largest priority so far, says the text; with that of its
+# own δ, says line 11 (R13). If the network happens to fit it, it waits long. The
+# package follows the text (D4).
 #
 # ## Algorithm 1, line 14 · Importance weights
 #
@@ -430,13 +444,13 @@ weights = check("weights", weights)
 solution("weights")
 
 # %% [markdown]
-# Do they correct the bias? Do not sample: enumerate. Two transitions with P = (0.8, 0.2) and
-# values f = (0, 1) have the true mean ½. Add up each possible batch, its probability times
-# its weighted mean.
+# Do they correct the bias? Do not sample: enumerate. Two transitions with P = (0.8,
+# 0.2) and values f = (0, 1) have the true mean ½. Add up each possible batch, its
+# probability times its weighted mean.
 #
-# > **Predict.** The text divides by the batch's largest weight. Does that only scale the
-# > update? And recency *wants* new data to count more. How much of that is left, once the
-# > weights have corrected it?
+# > **Predict.** The text divides by the batch's largest weight. Does that only scale
+# > the update? And recency *wants* new data to count more. How much of that is left,
+# > once the weights have corrected it?
 
 # %% tags=["predicted"]
 P = np.array([0.8, 0.2])
@@ -471,34 +485,36 @@ assert np.allclose(np.array(old_part)[[0, 5, 10]], [0.3679, 0.6039, 0.9], atol=1
 
 show(
     pictures.weights(sizes, ratio, exponents, old_part),
-    alt="Left: divided by the largest, the first counts 4 times the second in a batch of "
-    "one, falling towards 1. Right: the older share of an update rises to 90 %.",
+    alt="Left: divided by the largest, the first counts 4 times the second in a batch "
+    "of one, falling towards 1. Right: the older share of an update rises to 90 "
+    "%.",
 )
 
 # %% [markdown]
-# By hand: $0.2 \cdot w_2 \cdot 1$ with $w_2 = 1/(2 \cdot 0.2)$ is ½. In general $E[w f] =
-# \sum P f/(N P)$, the mean of f, and only at exponent 1 (W1). Undivided weights have the mean
-# 1 and are bounded, since ε > 0 (W5).
+# By hand: $0.2 \cdot w_2 \cdot 1$ with $w_2 = 1/(2 \cdot 0.2)$ is ½. In general $E[w f]
+# = \sum P f/(N P)$, the mean of f, and only at exponent 1 (W1). Undivided weights have
+# the mean 1 and are bounded, since ε > 0 (W5).
 #
-# Left: in a batch of one every divided weight is 1, and nothing is corrected. The divisor is
-# largest just where the rare transition is in the batch (W2). Right: full correction takes
-# back all of the recency, half of it about half (W3). You cannot have both: data that are
-# drawn more often *so as to count more*, and an update in which they do not. And “unbiased”
-# means the mean over the *buffer*, old world included.
+# Left: in a batch of one every divided weight is 1, and nothing is corrected. The
+# divisor is largest just where the rare transition is in the batch (W2). Right: full
+# correction takes back all of the recency, half of it about half (W3). You cannot have
+# both: data that are drawn more often *so as to count more*, and an update in which
+# they do not. And “unbiased” means the mean over the *buffer*, old world included.
 
 # %% [markdown]
 # ## How to read this with the paper open
 #
-# - γ, α and β each mean two things: exponent and discount, rate and booster's weight, mixture
-#   and exponent of the weights.
+# - γ, α and β each mean two things: exponent and discount, rate and booster's weight,
+#   mixture and exponent of the weights.
 # - Read $T - t_i$ as the age in the buffer, and $p_i$ as computed when it is drawn.
-#
+
+# %% [markdown]
 # ## Summary
 #
-# Which transitions are drawn decides what is learnt, and data of two worlds teach a third.
-# At a drift the new data have the errors; once the agent has adapted, the old ones have them
-# and get the draws. Eq. 10 is a mixture, in which recency fades as the buffer fills. The
-# defaults draw old data almost as often as even draws do; dropping them is faster. Importance
-# weights that correct the draws take the recency back.
+# Which transitions are drawn decides what is learnt, and data of two worlds teach a
+# third. At a drift the new data have the errors; once the agent has adapted, the old
+# ones have them and get the draws. Eq. 10 is a mixture, in which recency fades as the
+# buffer fills. The defaults draw old data almost as often as even draws do; dropping
+# them is faster. Importance weights that correct the draws take the recency back.
 #
 # [← 5](05_dqn.ipynb) · [contents](README.md) · [7 →](07_algorithm.ipynb)

@@ -106,7 +106,7 @@ ROOM_8 = np.array([-1.0]), np.array([True]), np.array([1]), np.array([[-2.71, -1
 THREE = (
     np.array([-1.0, -1.0, -1.0]),
     np.array([False, True, False]),
-    np.array([1, 0, 0]),
+    np.array([1, 1, 0]),
     np.array([[-4.0, -3.0], [-1.9, -5.0], [-2.0, -6.0]]),
 )
 NEXT = np.array([[-2.0, -3.0], [-7.0, -8.0], [-6.0, -5.0]])
