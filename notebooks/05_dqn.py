@@ -23,8 +23,9 @@ q_star = corridor(goal=9).q_star()
 
 # %% [markdown]
 # GB-DQN is a sum of **DQNs** (deep Q-networks): Q-learning with a network in place of
-# the table. Two things are added, a target network and a **replay**, which stores past
-# steps and draws each batch from them (notebook 6).
+# the table. Two things are added: a **target network**, which follows the network
+# slowly, and a **replay**, which stores past steps and draws each batch from them
+# (notebook 6).
 #
 # ## Eq. 4, first half · The target
 #
@@ -158,8 +159,8 @@ except AssertionError as refusal:
 source(DQN.learn)
 
 # %% [markdown]
-# Batch, target, error, gradient, Adam, target network, priorities. Adam and the network
-# are in notebook 14, the priorities in notebook 6.
+# Batch, target, error, gradient, Adam, target network; at last the replay is told the
+# TD errors. Adam and the network are in notebook 14, the replay in notebook 6.
 #
 # ## The target network
 #
@@ -168,10 +169,10 @@ source(DQN.learn)
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $\theta$ | `theta` | (P,) | the parameters that learn |
-# | $\bar\theta$ | `theta_target` | (P,) | those of the **target network** |
+# | $\bar\theta$ | `theta_target` | (P,) | those of the target network |
 # | $\tau$ | `tau` | scalar | 0.01 in the package, at each update (D9) |
 #
-# The target network is a copy that follows slowly (P1); this average is named after
+# The target network is a copy that follows slowly (P1), by an average named after
 # Polyak. It is there because y is made of Q: each update moves the goal of the next.
 # The paper hopes for “a slowly varying bootstrap target”.
 #

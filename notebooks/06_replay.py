@@ -25,10 +25,10 @@ rng = np.random.default_rng(0)
 # %% [markdown]
 # ## A buffer through a drift
 #
-# GB-DQN does not draw all stored steps, or **transitions**, alike. It prefers those
-# with a large TD error δ, and recent ones. That preference is the **priority** of a
-# transition. The paper expects that after a drift the old data show “high prediction
-# error when evaluated in the new environment”, and the new data a lower one.
+# GB-DQN draws some stored steps, or **transitions**, more often than others: those with
+# a high **priority**, which a large TD error δ gives, and recency. The paper expects of
+# old data “high prediction error when evaluated in the new environment”, and of new
+# data a lower one.
 #
 # Somebody walks through the ten rooms at random: 10,000 steps with the goal in room 9,
 # then the goal moves to room 0, and 1,000 more.
@@ -158,20 +158,19 @@ show(
 # higher. And the defaults of the package, with 1,000 new among 10,000 old transitions?
 
 # %%
-share = [P[old].sum() for _, _, P, old in moments(mix=0.3, rate=1e-4)][1:]
-print(
-    f"defaults: {share[0]:.0%} to {share[1]:.0%} old,",
-    f"even draws: {OLD / (OLD + NEW):.0%}",
-)
-assert 0.8 < share[0] < share[1] < OLD / (OLD + NEW)
+_, low, high = (P[old].sum() for _, _, P, old in moments(mix=0.3, rate=1e-4))
+even = OLD / (OLD + NEW)
+print(f"defaults: {low:.0%} to {high:.0%} old, even draws: {even:.0%}")
+assert 0.8 < low < high < even
+recent = 0.7 * time_priority(np.arange(50_000), 1e-4).sum()
+assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 
 # %% [markdown]
 # Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those
-# are old. The defaults were chosen for long regimes and a buffer of 50,000, so that
-# recency keeps a third of the draws when all errors are alike (D13); they do not get
-# rid of a world within 1,000 steps. A small β and a larger rate do. They cost nothing
-# here, since 1,000 steps at random show every room; an agent that walks its own way
-# forgets the rest (notebook 13).
+# are old. They suit a full buffer of 50,000, in which recency keeps about a third of
+# the draws when all errors are alike (D13); they do not forget a world within 1,000
+# steps. A small β with a larger rate does. It costs nothing here, where 1,000 random
+# steps show every room. What to keep elsewhere is notebook 13.
 #
 # ## Why even draws are not enough
 #
@@ -190,11 +189,9 @@ for _ in range(300):
     Q = (old_y + new_y) / 2
     Q[0], Q[9] = old_y[0], new_y[9]  # nobody starts in a goal
 print("the way from room 1 to 8:", " ".join("←→"[a] for a in Q[1:9].argmax(1)))
-print(
-    f"value of room 1: {Q[1].max():.2f};",
-    f"old {q_old[1].max():.2f}, new {q_new[1].max():.2f}",
-)
-assert q_old[1].max() < Q[1].max() < q_new[1].max()
+was, mixed, new = q_old[1].max(), Q[1].max(), q_new[1].max()
+print(f"value of room 1: {mixed:.2f}; old {was:.2f}, new {new:.2f}")
+assert was < mixed < new
 
 # %% [markdown]
 # To the nearer of two goals that are each there half of the time: a world that never
@@ -384,8 +381,8 @@ assert newest[0] < newest[1] > newest[2]
 # %% [markdown]
 # $S_{time}$ stays below $1/(1 - e^{-\alpha})$ while $S_{TD}$ grows with every
 # transition. So β sets no balance: in a full buffer the mixture *is* prioritized
-# replay, unless α falls as 1/N or β is tiny (R12). And a larger α favours the newest
-# one, not recent ones: at α = 10 nothing else has any recency (R9).
+# replay, unless α falls as 1/N or β is tiny (R12). And a larger α need not favour
+# recent data: at α = 10 only the newest has any recency (R9).
 #
 # ## Algorithm 1, lines 11 and 18 · What goes stale
 #
@@ -511,10 +508,10 @@ show(
 # %% [markdown]
 # ## Summary
 #
-# Which transitions are drawn decides what is learnt, and data of two worlds teach a
-# third. At a drift the new data have the errors; once the agent has adapted, the old
-# ones have them and get the draws. Eq. 10 is a mixture, in which recency fades as the
-# buffer fills. The defaults draw old data almost as often as even draws do; dropping
-# them is faster. Importance weights that correct the draws take the recency back.
+# Data of two worlds teach a third. At a drift the new data have the errors; once the
+# agent has adapted, the old ones have them and get the draws. Eq. 10 is a mixture, in
+# which recency fades as the buffer fills. The defaults draw old data almost as often as
+# even draws do; dropping them is faster. Importance weights that correct the draws take
+# the recency back.
 #
 # [← 5](05_dqn.ipynb) · [contents](README.md) · [7 →](07_algorithm.ipynb)
