@@ -167,10 +167,10 @@ assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 
 # %% [markdown]
 # Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those
-# are old. They suit a full buffer of 50,000, in which recency keeps about a third of
-# the draws when all errors are alike (D13); they do not forget a world within 1,000
-# steps. A small β with a larger rate does. It costs nothing here, where 1,000 random
-# steps show every room. What to keep elsewhere is notebook 13.
+# are old. They suit a full buffer of 50,000, where recency keeps about a third of
+# the draws when all errors are alike (D13); they do not forget a world that fast. A
+# small β with a larger rate does. It costs nothing here, where 1,000 random steps show
+# every room. What to keep elsewhere is notebook 13.
 #
 # ## Why even draws are not enough
 #
@@ -194,8 +194,7 @@ print(f"value of room 1: {mixed:.2f}; old {was:.2f}, new {new:.2f}")
 assert was < mixed < new
 
 # %% [markdown]
-# To the nearer of two goals that are each there half of the time: a world that never
-# was.
+# To the nearer of two goals, each there half the time: a world that never was.
 #
 # ## Eq. 10, first half · Priority by error
 #
@@ -260,7 +259,7 @@ show(
 # The buffer is a ring: when it is full, the next transition takes the slot of the
 # oldest.
 #
-# **Exercise 1.** A ring of 5 slots has had 7 transitions, numbers 0 to 6. Slot 1 holds
+# **Exercise 1.** A ring of 5 slots has had 7 transitions. Slot 1 holds
 # the newest, slot 2 the oldest. Write the age of a slot.
 
 
@@ -441,7 +440,7 @@ weights = check("weights", weights)
 solution("weights")
 
 # %% [markdown]
-# Do they correct the bias? Do not sample: enumerate. Two transitions with P = (0.8,
+# Do they correct the bias? Enumerate. Two transitions with P = (0.8,
 # 0.2) and values f = (0, 1) have the true mean ½. Add up each possible batch, its
 # probability times its weighted mean.
 #
