@@ -31,10 +31,10 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $h_j$ | `net.forward(theta, x)` | (B, A) | **booster** j, a network |
+# | $h_j$ | `net.forward(theta, x)` | (B, A) | booster j, a network |
 # | $\alpha_j$ | `ensemble.alpha[j]` | (m,) | its weight |
 # | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters |
-# | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the **ensemble** |
+# | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the ensemble |
 #
 # All boosters in an ensemble are frozen. You can ask the ensemble, or add a booster,
 # and adding one adds its term (M1).
@@ -488,7 +488,7 @@ assert np.allclose(agent.ensemble.q(s)[np.arange(50), a], agent.q_frozen, atol=1
 #
 # - Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a slow
 #   copy (M6). A frozen network is its own copy, so it makes no difference (D3).
-# - Eqs. 2–3: read “with y held fixed”. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8:
+# - Eqs. 2–3: read *with y held fixed*. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8:
 #   put the weights into both sums.
 
 # %% [markdown]

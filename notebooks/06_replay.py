@@ -25,7 +25,7 @@ rng = np.random.default_rng(0)
 # %% [markdown]
 # ## A buffer through a drift
 #
-# GB-DQN draws some stored steps, or **transitions**, more often than others: those with
+# GB-DQN draws some stored steps, or transitions, more often than others: those with
 # a high **priority**, which a large TD error δ gives, and recency. The paper expects of
 # old data “high prediction error when evaluated in the new environment”, and of new
 # data a lower one.
@@ -279,7 +279,7 @@ assert [age(slot, 7, 5) for slot in range(5)] == ring.age(np.arange(5)).tolist()
 # %% [markdown]
 # Algorithm 1 (line 12) stores the step *within the episode* instead. By that clock old
 # data can look new: step 500 of the last episode, seen at step 1 of this one, has
-# $e^{0.01 \cdot 499} \approx 147$, where 1 is the most (R8, D5). It also keeps one
+# the recency $e^{499 \alpha}$, where 1 is the most (R8, D5). It also keeps one
 # number $p_i$ until the transition is drawn again. A stored recency is 1 and does not
 # decay.
 #
