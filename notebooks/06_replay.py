@@ -167,7 +167,7 @@ assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 
 # %% [markdown]
 # Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those
-# are old. They suit a full buffer of 50,000, where recency keeps about a third of
+# are old. The defaults suit a full buffer of 50,000: recency keeps about a third of
 # the draws when all errors are alike (D13); they do not forget a world that fast. A
 # small β with a larger rate does. It costs nothing here, where 1,000 random steps show
 # every room. What to keep elsewhere is notebook 13.
