@@ -15,6 +15,7 @@ from .optim import Adam
 # k by symptom: half of the shift to be found in standard deviations: a model's error shifts more
 SLACK = {"return": 0.5, "td_error": 0.5, "model": 2.0}
 LARGEST, REFERENCE = 3.0, 30  # the largest z, and the reference's memory in episodes
+STEPS, BATCH = 8, 64  # a model's environment steps per update, and transitions per batch
 
 
 def cusum(S, z, slack=0.5):
@@ -69,32 +70,40 @@ class Chart:
 
 
 class TransitionModel:
-    """A network that predicts the step s' − s from s and a, and learns from each transition once.
+    """A network that predicts the step s' − s from s and a, trained on draws from a replay buffer.
 
-    Its error rises when the physics change, even if the return does not fall. s and s' − s are
-    divided by their root mean squares so far, coordinate by coordinate.
+    Its error rises when the physics change, even if the return does not fall. s and s' − s are in
+    units of their mean sizes so far, coordinate by coordinate; the loss is Huber's.
     """
 
-    def __init__(self, state_dim, n_actions, rng, width=32, lr=1e-3, batch_size=32):
+    def __init__(self, state_dim, n_actions, rng, width=32, lr=1e-3):
         self.net = MLP((state_dim + n_actions, width, state_dim))
         self.theta, self.adam = self.net.init(rng), Adam(self.net.size, lr)
-        self.n_actions, self.batch_size = n_actions, batch_size
-        self.n, self.squares = 0, np.zeros((2, state_dim))  # transitions, Σ s² and Σ (s' − s)²
+        self.n_actions, self.rng = n_actions, rng
+        self.n, self.sizes = 0, np.zeros((2, state_dim))  # transitions, Σ|s| and Σ|s' − s|
 
-    def learn(self, s, a, s2):
-        """Learn from an episode (n, d), (n,), (n, d) in order; the mean squared error before."""
-        self.n += len(s)
-        self.squares += np.square([s, s2 - s]).sum(1)
-        of_s, of_step = np.sqrt(self.squares / self.n) + 1e-9
-        x = np.concatenate([s / of_s, np.eye(self.n_actions)[a]], 1, dtype=np.float32)
-        steps = ((s2 - s) / of_step).astype(np.float32)
-        errors = []
-        for i in range(0, len(s), self.batch_size):
-            predicted, cache = self.net.forward(self.theta, x[i : i + self.batch_size])
-            errors.append(predicted - steps[i : i + self.batch_size])
-            grad = self.net.backward(self.theta, cache, 2 * errors[-1] / errors[-1].size)
-            self.adam.step(self.theta, grad)
-        return float(np.square(np.concatenate(errors)).mean())
+    def update(self, replay, index):
+        """Learn after an episode, whose slots are `index`; the model's median error on it before.
+
+        The median passes over single steps that no smooth model fits, like a hit against a wall.
+        """
+        s, s2, slots = replay.s[index], replay.s2[index], replay.slots()
+        self.n += len(index)
+        self.sizes += np.abs([s, s2 - s]).sum(1)
+        errors, _ = self._errors(replay, index)
+        for _ in range(len(index) // STEPS + 1):
+            batch_errors, cache = self._errors(replay, self.rng.choice(slots, BATCH))
+            gradient = np.clip(batch_errors, -1, 1) / batch_errors.size
+            self.adam.step(self.theta, self.net.backward(self.theta, cache, gradient))
+        return float(np.median(np.abs(errors).mean(1)))
+
+    def _errors(self, replay, index):
+        """Predicted minus actual steps (B, d) of the transitions in these slots, and the cache."""
+        of_s, of_step = self.sizes / self.n + 1e-9
+        s, one_hot = replay.s[index], np.eye(self.n_actions)[replay.a[index]]
+        x = np.concatenate([s / of_s, one_hot], 1, dtype=np.float32)
+        predicted, cache = self.net.forward(self.theta, x)
+        return predicted - ((replay.s2[index] - s) / of_step).astype(np.float32), cache
 
 
 class Detector:
@@ -114,8 +123,8 @@ class Detector:
             x = log(td_error) if td_error > 0 else None
         elif self.symptom == "model":
             first = max(start, replay.added - replay.capacity)
-            slots = np.arange(first, replay.added) % replay.capacity
-            x = log(self.model.learn(replay.s[slots], replay.a[slots], replay.s2[slots]))
+            index = np.arange(first, replay.added) % replay.capacity
+            x = log(self.model.update(replay, index))
         return None if x is None else self.chart.update(x, start)
 
 

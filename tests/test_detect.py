@@ -125,41 +125,58 @@ def test_a_symptom_rises_when_things_get_worse():
 
 
 def test_a_model_is_shown_the_transitions_of_the_episode():
+    """Also if the ring has wrapped around, and if the episode is longer than the ring."""
     replay, seen = UniformReplay(8, 1), []
-    for k in range(11):  # the ring has wrapped around
+    for k in range(11):
         replay.add([float(k)], k % 2, 0.0, [k + 0.5], False)
-    model = SimpleNamespace(learn=lambda *arrays: seen.extend(arrays) or exp(3.0))
+    model = SimpleNamespace(
+        update=lambda replay, index: seen.append(replay.s[index, 0]) or exp(3.0)
+    )
     assert charted("model", replay, 7, 0.0, nan, model=model) == pytest.approx(3.0)
-    s, a, s2 = seen
-    np.testing.assert_array_equal(s, [[7], [8], [9], [10]])
-    np.testing.assert_array_equal(a, [1, 0, 1, 0])
-    np.testing.assert_array_equal(s2, s + 0.5)
+    charted("model", replay, 0, 0.0, nan, model=model)
+    assert [s.tolist() for s in seen] == [[7, 8, 9, 10], [3, 4, 5, 6, 7, 8, 9, 10]]
 
 
-def physics(rng, n, pull):
-    """Transitions of a linear world, in which action 1 pulls and action 0 pushes."""
-    s = rng.normal(size=(n, 2)) * [1.0, 100.0]
-    a = rng.integers(2, size=n)
-    return s, a, s + np.stack([0.01 * s[:, 1], pull * (2 * a - 1)], 1)
+def episode(replay, rng, n, pull):
+    """Add n transitions of a linear world, in which action 1 pulls and 0 pushes; their slots."""
+    for s in rng.normal(size=(n, 2)) * [1.0, 100.0]:
+        a = int(rng.integers(2))
+        step = [0.01 * s[1], pull * (2 * a - 1)]
+        replay.add(s, a, 0.0, s + step, False)
+    return np.arange(replay.added - n, replay.added) % replay.capacity
 
 
 def test_a_models_error_falls_with_learning_and_rises_when_the_physics_change():
-    """Both coordinates count, although their steps differ a hundredfold."""
-    rng = np.random.default_rng(0)
+    """Both coordinates count, although their sizes differ a hundredfold."""
+    rng, replay = np.random.default_rng(0), UniformReplay(4000, 2)
     model = TransitionModel(2, 2, rng)
-    errors = [model.learn(*physics(rng, 200, 0.01)) for _ in range(300)]
-    assert errors[0] > 0.5 and errors[-1] < 0.02
-    assert model.learn(*physics(rng, 200, -0.01)) > 20 * errors[-1]
+    errors = [model.update(replay, episode(replay, rng, 100, 0.5)) for _ in range(200)]
+    assert errors[0] > 0.5 and errors[-1] < 0.05
+    assert model.update(replay, episode(replay, rng, 100, -0.5)) > 10 * errors[-1]
 
 
-def test_a_models_error_is_that_before_it_learns():
-    """By hand, on one batch: the steps in units of their root mean square, and the zero network."""
-    model = TransitionModel(1, 2, np.random.default_rng(0))
+def test_a_models_error_is_the_median_before_it_learns():
+    """By hand, with the zero network: the steps in units of their mean size, 2."""
+    model, replay = TransitionModel(1, 2, np.random.default_rng(0)), UniformReplay(8, 1)
     model.theta[...] = 0.0
-    s = np.array([[1.0], [2.0], [3.0]])
-    assert model.learn(s, np.array([0, 1, 0]), s + [[1.0], [2.0], [2.0]]) == pytest.approx(1.0)
-    assert model.learn(s, np.array([0, 1, 0]), s + [[1.0], [2.0], [2.0]]) < 1.0
-    np.testing.assert_allclose(model.squares[:, 0], [28.0, 18.0])
+    for s, step in ((1.0, 0.0), (2.0, 1.0), (3.0, 5.0)):
+        replay.add([s], 0, 0.0, [s + step], False)
+    assert model.update(replay, np.arange(3)) == pytest.approx(0.5)
+    np.testing.assert_allclose(model.sizes[:, 0], [6.0, 6.0])
+    assert model.n == 3 and model.adam.t == 1 and model.update(replay, np.arange(3)) != 0.5
+
+
+def test_a_model_learns_only_from_what_the_replay_holds():
+    """After a drop no draw is of the old physics."""
+    replay, rng = UniformReplay(4000, 2), np.random.default_rng(0)
+    model, drawn = TransitionModel(2, 2, rng), []
+    episode(replay, rng, 100, 0.5)
+    replay.keep(0)
+    index = episode(replay, rng, 100, -0.5)
+    errors = model._errors
+    model._errors = lambda replay, slots: drawn.extend(slots) or errors(replay, slots)
+    model.update(replay, index)
+    assert set(drawn) <= set(range(100, 200)) and len(drawn) == 100 + 64 * 13
 
 
 @pytest.mark.parametrize("agent", ["dqn", "gbdqn", "gbdqn-reuse", "dqn-reuse", "reset"])
