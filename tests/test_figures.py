@@ -96,6 +96,54 @@ def test_the_slider_is_made(capsys):
     assert "interactive" in capsys.readouterr().out
 
 
+def answers(name):
+    """The numbered answers at the end of a figure's page."""
+    text = (
+        (FOLDER / f"{name}.md").read_text(encoding="utf-8").split("<summary>Answers</summary>")[1]
+    )
+    return re.findall(r"^\d\. (.*(?:\n   .*)*)", text, re.MULTILINE)
+
+
+def test_the_answers_about_the_rooms():
+    count, cancels, damped = answers("rooms")
+    mdp, path = instrument.boosted(200, alpha=0.1)
+    counts = [instrument.right_rooms(mdp, Q) for Q in path]
+    assert count.startswith(f"{counts.index(9)}. ") and min(counts[counts.index(9) :]) == 9
+    needed = {frames.boosts_needed(loss_on="alpha_h", alpha=alpha) for alpha in ALPHAS}
+    assert needed == {frames.boosts_needed()} and f"{needed.pop()} boosts" in cancels
+    assert damped.endswith(f"at boost {frames.boosts_needed(target='live', alpha=0.5)}.")
+
+
+def test_the_answers_about_the_parabola():
+    along, shrunk, length = answers("parabola")
+    r = np.array([1.0, 0.0])
+    for angle in (0, 180):
+        h = frames.booster(angle, 1.3)
+        assert frames.squared(frames.closed_form_alpha(r, h), h) == pytest.approx(0)
+    for angle in (20, 60, 135):
+        h = frames.booster(angle, 0.75)
+        best = frames.closed_form_alpha(r, h)
+        lowest = frames.squared(best, h)
+        share = (1 - frames.squared(0.1 * best, h)) / (1 - lowest)
+        assert shrunk.startswith(f"{100 * share:.0f} %")
+        assert frames.closed_form_alpha(r, 2 * h) == pytest.approx(best / 2)
+        assert frames.squared(best / 2, 2 * h) == pytest.approx(lowest)
+    assert along.startswith("Angle 0° or 180°") and length.startswith("A/B halves")
+
+
+def test_the_answers_about_the_replay():
+    large, knobs, nothing = answers("replay")
+    assert large.startswith("The new data")
+    mix, rate, share = re.search(r"β = ([\d.]+) .* rate of ([\d.]+) leave (\d+) %", knobs).groups()
+    settings = dict(mix=float(mix), rate=float(rate))
+    assert settings["mix"] in frames.SLIDERS["mix"] and settings["rate"] in frames.SLIDERS["rate"]
+    left = frames.stale(1_000, q=10, exponent=0.6, **settings)
+    assert f"{100 * left:.0f}" == share and left < 0.5
+    assert nothing.startswith("Nothing")
+    stays = [frames.stale(1_000, q=q, exponent=0, **settings) for q in frames.SLIDERS["q"]]
+    assert len(set(stays)) == 1
+
+
 # In a browser
 
 
