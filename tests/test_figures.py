@@ -1,6 +1,7 @@
 """The live figures: their scripts compute what the package computes, and they obey in a browser."""
 
 import itertools
+import json
 import re
 import shutil
 import sys
@@ -200,11 +201,17 @@ def open_page(browser, site):
     assert not wrong
 
 
+def computed(page, function, argument):
+    """What a function of the page returns; as JSON, for Playwright is slow on many numbers."""
+    return json.loads(page.evaluate(f"(x) => JSON.stringify(({function})(x))", argument))
+
+
 def test_the_rooms_agree_with_the_package_at_every_setting(open_page):
     """Six boosts from the drift, for each reading, α and γ; and Q*, residual and policy."""
     page = open_page("rooms")
     for gamma in frames.GAMMAS:
-        found = page.evaluate(
+        found = computed(
+            page,
             """([gamma, readings, alphas]) => {
               const M = live.rooms, world = M.world(0, gamma);
               const start = M.drift(M.optimum(M.world(9, gamma)), 0);
@@ -231,7 +238,8 @@ def test_the_rooms_agree_after_many_drifts(open_page):
     """The goal goes to and fro, and the reading changes on the way."""
     page = open_page("rooms")
     steps = [(k % 2, *READINGS[k % 4], ALPHAS[(3 * k) % 10]) for k in range(1, 13)]
-    found = page.evaluate(
+    found = computed(
+        page,
         """(steps) => {
           const M = live.rooms;
           let Q = M.drift(M.optimum(M.world(9, 0.9)), 0);
@@ -256,7 +264,8 @@ def test_the_parabola_agrees_with_the_package_at_every_setting(open_page):
     r, lengths = np.array([1.0, 0.0]), [k / 100 for k in range(75, 151, 5)]
     alphas = [k / 100 for k in range(-300, 301)]
     for angle in range(0, 181, 5):
-        found = page.evaluate(
+        found = computed(
+            page,
             """([angle, lengths, alphas]) => lengths.map((length) => {
               const M = live.parabola, r = [1, 0], h = M.booster(angle, length);
               return [M.alpha(r, h), ...alphas.map((alpha) => M.loss(r, h, alpha))];
@@ -273,7 +282,8 @@ def test_the_replay_agrees_with_the_package_at_every_setting(open_page):
     """The mass in each bin of age, old and new, for each setting of the five sliders."""
     page, keys = open_page("replay"), ("fresh", "exponent", "q")
     for fresh, exponent, q in itertools.product(*(frames.SLIDERS[key] for key in keys)):
-        found = page.evaluate(
+        found = computed(
+            page,
             """([fresh, exponent, q, mixes, rates]) => {
               const text = document.querySelector("script[type='application/json']").textContent;
               const data = JSON.parse(text);
