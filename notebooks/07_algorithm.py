@@ -172,8 +172,9 @@ show(
 
 # %% [markdown]
 # Line 7 acts by $Q_{m-1}$, without the booster (claim A1). Only line 29 can change an
-# action. The experiments report adaptation *within* a regime, so `target="live"` is the
-# default here (D6). Move the switch yourself:
+# action. The time between two drifts is a **regime**. The experiments report adaptation
+# *within* regimes, so `target="live"` is the default here (D6). Move the switch
+# yourself:
 
 # %% tags=["slider"]
 from ipywidgets import interact

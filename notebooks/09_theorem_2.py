@@ -11,7 +11,8 @@
 # **How to read this with the paper open.** The sketch has three links. The residual is
 # the downhill direction of the error; so a step along it lowers the error; and what
 # always falls must end at 0. We pull at the last link first.
-#
+
+# %% [markdown]
 # ## Theorem 2 · what it says
 #
 # The theorem in plain words. The world stands still. Each boost lowers the error E of
