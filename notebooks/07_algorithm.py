@@ -26,38 +26,12 @@ from lesson import corridor, show, step
 from pictures import algorithm as pictures
 
 from gbdqn_ref.config import Config
-from gbdqn_ref.dqn import DQN
 from gbdqn_ref.gbdqn import GBDQN
 from gbdqn_ref.nn import MLP
-from gbdqn_ref.replay import ProportionalReplay, td_priority
+from gbdqn_ref.replay import td_priority
 from gbdqn_ref.tabular import MDP
-from gbdqn_ref.train import run, train_episode
 
-# %% jupyter={"source_hidden": true}
-LINES = (
-    ("1", "the network that learns", GBDQN._new_booster, "self.theta = self.net.init("),
-    ("2", "the frozen sum", GBDQN.__init__, "self.ensemble = Ensemble(self.net)"),
-    ("3, 4", "episodes", run, "for episode in range("),
-    ("5", "a start state", train_episode, "s, info = env.reset("),
-    ("6", "steps", train_episode, "while not ends:"),
-    ("7", "softmax (D6, D10)", DQN.act, "return bellman.softmax_sample(self.q(s),"),
-    ("8", "act", train_episode, "s2, r, terminated, truncated, info = env.step(a)"),
-    ("9, 16", "the target (D1, D6)", GBDQN.learn, "y = bellman.td_target("),
-    ("10, 17", "the residual", GBDQN.learn, "residual = y - self.q_frozen["),
-    ("11", "priority (D4)", ProportionalReplay.add, "self.tree.set(slot, self.max_"),
-    ("12", "keep it", GBDQN.observe, "slot = self.replay.add("),
-    ("13", "draw a batch, Eq. 11", GBDQN.learn, "batch = self.replay.sample("),
-    ("14", "weights", ProportionalReplay.sample, "weight = importance_weights("),
-    ("15, 20", "for each sample", GBDQN.learn, "h = h_all[np.arange(len(y)), batch.a]"),
-    ("18", "new priority", GBDQN.learn, "self.replay.update_priorities("),
-    ("19", "the loss (D2)", GBDQN.learn, "dq = factor * bellman.loss_gradient("),
-    ("21", "a gradient step", GBDQN.learn, "self.adam.step(self.theta, grad)"),
-    ("22–25", "go on, or leave", train_episode, "s, ends, length, total = s2,"),
-    ("26", "target network (D9)", GBDQN.learn, "polyak(self.theta_target,"),
-    ("27, 28", "end of an episode", run, "yield record"),
-    ("29", "add the booster, Eq. 9", GBDQN.fold_in, "self.ensemble.add(self.theta,"),
-)
-pictures.table(LINES)
+pictures.table()
 
 # %% [markdown]
 # Four things strike the reader.
@@ -94,7 +68,7 @@ assert waiting == 1 and np.isclose(agent.replay.tree.leaves[0], drawn, atol=1e-6
 # agent acts and bootstraps with $Q_{m-1}$, with `target="live"` with $Q_m$.
 
 # %%
-pictures.beside(LINES, GBDQN.live.fget, GBDQN.q)
+pictures.beside(GBDQN.live.fget, GBDQN.q)
 
 # %% [markdown]
 # Here is the package's agent in the ten rooms. Its network is a table, and the buffer
@@ -205,7 +179,7 @@ def rooms_after_the_drift(target, loss_on, alpha):
 # | – | `factor` | scalar | α if the loss is on $\alpha h$ (Eq. 5), 1 if on $h$ (line 19) |
 
 # %%
-pictures.beside(LINES, GBDQN.learn)
+pictures.beside(GBDQN.learn)
 
 # %% [markdown]
 # The same update, one sample after the other, without the cache:
@@ -266,7 +240,7 @@ assert np.isclose(residual_target(-1, True, *frozen_part), 5)
 # is its own target network (D3). No line ever takes a booster away (claim M20).
 
 # %%
-pictures.beside(LINES, GBDQN.fold_in)
+pictures.beside(GBDQN.fold_in)
 
 # %%
 agent = table_agent(target="live")

@@ -9,9 +9,37 @@ from IPython.display import Markdown, display
 from lesson import FROZEN, LEARNER
 from matplotlib.colors import ListedColormap
 
+from gbdqn_ref.dqn import DQN
+from gbdqn_ref.gbdqn import GBDQN
+from gbdqn_ref.replay import ProportionalReplay
+from gbdqn_ref.train import run, train_episode
 from pictures.rooms import draw
 from pictures.tones import INDIGO, ROSE, TEAL
 
+# Algorithm 1: the printed lines, in our words, and where a line of code begins thus
+LINES = (
+    ("1", "the network that learns", GBDQN._new_booster, "self.theta = self.net.init("),
+    ("2", "the frozen sum", GBDQN.__init__, "self.ensemble = Ensemble(self.net)"),
+    ("3, 4", "episodes", run, "for episode in range("),
+    ("5", "a start state", train_episode, "s, info = env.reset("),
+    ("6", "steps", train_episode, "while not ends:"),
+    ("7", "softmax (D6, D10)", DQN.act, "return bellman.softmax_sample(self.q(s),"),
+    ("8", "act", train_episode, "s2, r, terminated, truncated, info = env.step(a)"),
+    ("9, 16", "the target (D1, D6)", GBDQN.learn, "y = bellman.td_target("),
+    ("10, 17", "the residual", GBDQN.learn, "residual = y - self.q_frozen["),
+    ("11", "priority (D4)", ProportionalReplay.add, "self.tree.set(slot, self.max_"),
+    ("12", "keep it", GBDQN.observe, "slot = self.replay.add("),
+    ("13", "draw a batch, Eq. 11", GBDQN.learn, "batch = self.replay.sample("),
+    ("14", "weights", ProportionalReplay.sample, "weight = importance_weights("),
+    ("15, 20", "for each sample", GBDQN.learn, "h = h_all[np.arange(len(y)), batch.a]"),
+    ("18", "new priority", GBDQN.learn, "self.replay.update_priorities("),
+    ("19", "the loss (D2)", GBDQN.learn, "dq = factor * bellman.loss_gradient("),
+    ("21", "a gradient step", GBDQN.learn, "self.adam.step(self.theta, grad)"),
+    ("22–25", "go on, or leave", train_episode, "s, ends, length, total = s2,"),
+    ("26", "target network (D9)", GBDQN.learn, "polyak(self.theta_target,"),
+    ("27, 28", "end of an episode", run, "yield record"),
+    ("29", "add the booster, Eq. 9", GBDQN.fold_in, "self.ensemble.add(self.theta,"),
+)
 NAMES = {
     1: "1 frozen, a whole backup",
     2: "2 frozen, loss on h",
@@ -35,20 +63,20 @@ def place(where, code):
     return found
 
 
-def table(lines):
+def table():
     """Printed lines, in our words, and where each stands."""
     text = "| printed | in words | where | the line begins |\n|---|---|---|---|\n"
-    for printed, words, where, code in lines:
+    for printed, words, where, code in LINES:
         place(where, code)
         text += f"| {printed} | {words} | `{where.__qualname__}` | `{code}` |\n"
     return Markdown(text)
 
 
-def beside(lines, *functions):
+def beside(*functions):
     """The source of functions, with the numbers of Algorithm 1's lines at its left."""
     for function in functions:
         source = dedent(inspect.getsource(function)).rstrip().splitlines()
-        marks = {place(at, code): mark for mark, _, at, code in lines if at is function}
+        marks = {place(at, code): mark for mark, _, at, code in LINES if at is function}
         text = "\n".join(
             f"{marks.get(k, ''):>7}  {line}".rstrip() for k, line in enumerate(source)
         )
