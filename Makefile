@@ -6,16 +6,24 @@ export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export HYPOTHESIS_PROFILE ?= ci
 
-.PHONY: train test bench notebooks mutants plant test-oldest clean
+.PHONY: train test site test-site bench notebooks mutants plant test-oldest clean
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
 
-test: .venv/test
+test: .venv/site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python site/build.py
 	$(BIN)/python -m pytest
+
+site: .venv/site
+	$(BIN)/python site/build.py
+
+# In the system's Chromium or Chrome; what needs one is skipped where there is none.
+test-site: .venv/site-test
+	$(BIN)/python -m pytest tests/test_site.py
 
 bench: .venv/train
 	$(BIN)/python benchmarks/bench.py --out runs/bench.png
@@ -44,6 +52,14 @@ test-oldest: .venv-oldest/test
 	$(BIN)/pip install --quiet --editable '.[dev]'
 	touch $@ .venv/train
 
+.venv/site: .venv/test
+	$(BIN)/pip install --quiet --editable '.[dev,site]'
+	touch $@
+
+.venv/site-test: .venv/site
+	$(BIN)/pip install --quiet --editable '.[dev,site,site-test]'
+	touch $@
+
 .venv-oldest/test: pyproject.toml
 	$(PYTHON) -m venv .venv-oldest
 	$(PYTHON) -c 'import tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
@@ -52,4 +68,4 @@ test-oldest: .venv-oldest/test
 	touch $@
 
 clean:
-	rm -rf .venv .venv-oldest runs mutants
+	rm -rf .venv .venv-oldest runs mutants site/_build

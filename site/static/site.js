@@ -1,0 +1,43 @@
+"use strict";
+// The ledger's filter, and folds that open when a link leads into them.
+function startFilter(form) {
+  const claims = [...document.querySelectorAll("section")].filter(
+    (each) => each.querySelector(":scope > p > .badge"));
+  const words = (each) => each.textContent.toLowerCase();
+  function apply() {
+    let left = 0;
+    for (const each of claims) {
+      const verdict = each.querySelector(".badge").textContent;
+      const far = each.querySelector(".far").textContent;
+      const fits = (!form.verdict.value || form.verdict.value === verdict)
+        && (!form.far.value || form.far.value === far)
+        && words(each).includes(form.words.value.toLowerCase());
+      each.classList.toggle("left-out", !fits);
+      left += fits;
+    }
+    form.querySelector("output").value = `${left} of ${claims.length} claims`;
+  }
+  form.hidden = false;
+  form.addEventListener("input", apply);
+  form.addEventListener("submit", (event) => event.preventDefault());
+  apply();
+  return () => { form.reset(); apply(); };
+}
+
+function arrive(reset) {
+  const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (!target) return;
+  const section = target.closest("section");
+  if (target.closest(".left-out")) reset();
+  const fold = target.closest("details")
+    || (section && section.querySelector(":scope > p > .badge") && section.querySelector("details"));
+  if (fold) fold.open = true;
+  target.scrollIntoView();
+}
+
+document.addEventListener("DOMContentLoaded", () => {
+  const form = document.querySelector("form.filter");
+  const reset = form ? startFilter(form) : () => {};
+  window.addEventListener("hashchange", () => arrive(reset));
+  arrive(reset);
+});
