@@ -15,7 +15,6 @@ test: .venv/site
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python site/build.py
 	$(BIN)/python -m pytest
 
 site: .venv/site

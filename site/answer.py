@@ -5,10 +5,10 @@ import io
 import matplotlib
 
 matplotlib.use("agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import reruns  # noqa: E402
+import matplotlib.pyplot as plt
+import reruns
 
-from gbdqn_ref.agents import OKABE_ITO  # noqa: E402
+from gbdqn_ref.agents import OKABE_ITO
 
 BLUE, VERMILLION = OKABE_ITO[:2]
 LEFT = -6  # a dot further left is a triangle here
@@ -53,7 +53,7 @@ def draw():
                 own = "GB-DQN" in name or "own" in name
                 look = dict(color=colour, mfc=colour if own else "white", ms=9, mew=2)
                 axes.plot(max(x, LEFT), above - k, "<" if x < LEFT else "o", **look)
-        for word, (colour, above) in LOOK.items():
+        for word, (colour, _) in LOOK.items():
             axes.plot([], [], "o", color=colour, ms=9, label=word)
         axes.plot([], [], "o", color="black", mfc="white", ms=9, mew=2, label="added to DQN")
         axes.plot([], [], "o", color="black", ms=9, label="added beside the other")
@@ -63,7 +63,9 @@ def draw():
         axes.set_xticks([-3.5, 0, 2.5], words)
         axes.tick_params(length=0)
         axes.spines[["top", "right", "left"]].set_visible(False)
-        figure.legend(loc="outside upper center", ncols=4, frameon=False, handletextpad=0, columnspacing=1)
+        figure.legend(
+            loc="outside upper center", ncols=4, frameon=False, handletextpad=0, columnspacing=1
+        )
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None})
         plt.close(figure)

@@ -21,6 +21,8 @@ extensions = [
     "sphinx_copybutton",
     "links",
 ]
+if (FOLDER / "figures/directive.py").exists():
+    extensions.append("figures.directive")
 
 # Markdown and notebooks
 myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "dollarmath"]
@@ -40,7 +42,7 @@ default_role = "code"
 # The look
 html_theme = "furo"
 html_title = "gbdqn_ref"
-html_static_path = [str(FOLDER / "static"), str(FOLDER / "figures")]
+html_static_path = [str(FOLDER / "static")]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_extra_path = [str(FOLDER / "_build/extra")]
@@ -50,8 +52,8 @@ pygments_style = "a11y-high-contrast-light"
 pygments_dark_style = "a11y-high-contrast-dark"
 copybutton_prompt_text = ">>> "
 
-# Mathematics: one file of MathJax, copied by build.py from the package that carries it
-mathjax_path = "tex-svg.js"
+# Mathematics: one file of MathJax 3, out of the package that carries it
 MATHJAX = Path(importlib.util.find_spec("sphinx-mathjax-offline").origin).parent / "static/mathjax"
 html_static_path.append(str(MATHJAX / "tex-svg.js"))
+mathjax_path = "tex-svg.js"
 mathjax3_config = {"options": {"enableMenu": False}}

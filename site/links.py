@@ -7,8 +7,10 @@ from functools import cache
 from importlib import import_module
 from pathlib import PurePosixPath
 
-import pages
+import checked
+import course
 from docutils import nodes
+from places import CHECKS, ROOT, address, code, notebooks, read
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
@@ -19,6 +21,7 @@ NAMES = re.compile(
     r"|\b(?P<deviation>D\d{1,2})\b"
     r"|\b(?P<place>(?:Eqs?\.|Theorems?|Algorithm)[  ]\d+(?:(?:–|, | and )\d+)*)"
     r"|(?<=\bAlgorithm 1, )(?P<line>lines?[  ]\d+(?:(?:–|, | and )\d+)*)"
+    r"|(?<![\w./])(?P<function>[a-z]\w*(?:\.\w+)+)"
     r"|\b(?P<notebook>[Nn]otebooks?[  ]\d+(?:(?:–|, | and )\d+)*)"
 )
 STILL = (  # where names stay text
@@ -36,70 +39,62 @@ STILL = (  # where names stay text
 
 
 @cache
-def deviations():
-    return set(re.findall(r"^\| (D\d+) \|", pages.read(pages.CHECKS), re.M))
+def known():
+    """{kind of name: {name: (page, anchor)}} of all that is numbered."""
+    deviations = re.findall(r"^\| (D\d+) \|", read(CHECKS), re.M)
+    stems = {str(int(stem[:2])): stem for stem in notebooks()}
+    places = {
+        checked.ledger.PLACES[name]: ("equations", checked.anchor(checked.ledger.PLACES[name]))
+        for name in checked.EQUATIONS
+    }
+    lines = {
+        str(number): ("algorithm", f"line-{checked.numbers(entry)[0]}")
+        for entry in checked.LINES
+        for number in checked.numbers(entry)
+    }
+    return {
+        "claim": {id: ("ledger", id.lower()) for id in checked.ledger.CLAIMS},
+        "deviation": {number: ("deviations", number.lower()) for number in deviations},
+        "Eq": {name.removeprefix("Eq. "): target for name, target in places.items()},
+        "Theorem": {name.removeprefix("Theorem "): target for name, target in places.items()},
+        "Algorithm": {"1": ("algorithm", "")},
+        "line": lines,
+        "notebook": {number: (f"course/{stem}", "") for number, stem in stems.items()},
+    }
 
 
-@cache
-def line_anchors():
-    """{line of Algorithm 1: the first line of its row}."""
-    rows = [[int(n) for n in re.findall(r"\d+", entry["lines"])] for entry in pages.LINES]
-    spans = [(row, range(row[0], row[-1] + 1) if "–" in entry["lines"] else row) for row, entry in zip(rows, pages.LINES, strict=True)]
-    return {number: row[0] for row, span in spans for number in span}
+def pieces(text, functions):
+    """A text as [(piece, its (page, anchor) or None)], given {function: (page, anchor)}.
 
-
-@cache
-def course():
-    return {int(stem[:2]): stem for stem in pages.notebooks()}
-
-
-def place(kind, number):
-    """(page, anchor) of a numbered place of the paper, of a line or of a notebook; None if there is none."""
-    if kind == "notebook":
-        return (f"course/{course()[number]}", "") if number in course() else None
-    if kind == "line":
-        return ("algorithm", f"line-{line_anchors()[number]}") if number in line_anchors() else None
-    if kind == "Algorithm":
-        return ("algorithm", "") if number == 1 else None
-    name, anchor = {"Eq": ("eq", "eq"), "Theorem": ("theorem", "theorem")}[kind]
-    return ("equations", f"{anchor}-{number}") if f"{name}{number}" in pages.EQUATIONS else None
-
-
-def pieces(text):
-    """A text as [(piece, its (page, anchor) or None)].
-
-    >>> pieces("by T1-a and Eqs. 7–8")[1:]
-    [('T1-a', ('ledger', 't1-a')), (' and ', None), ('Eqs. 7', ('equations', 'eq-7')), ('–', None), ('8', ('equations', 'eq-8'))]
+    >>> pieces("by T1-a and Eqs. 7–8", {})[1:4]
+    [('T1-a', ('ledger', 't1-a')), (' and ', None), ('Eqs. 7', ('equations', 'eq-7'))]
     """
     found, end = [], 0
     for match in NAMES.finditer(text):
         found.append((text[end : match.start()], None))
+        found += [(match[0], functions.get(match[0]))] if match["function"] else named(match)
         end = match.end()
-        name, kind = match[0], match.lastgroup
-        if kind == "claim":
-            found.append((name, ("ledger", name.lower()) if name in pages.ledger.CLAIMS else None))
-        elif kind == "deviation":
-            found.append((name, ("deviations", name.lower()) if name in deviations() else None))
-        else:
-            found += numbered(name, kind)
     return [(piece, target) for piece, target in [*found, (text[end:], None)] if piece]
 
 
-def numbered(name, kind):
-    """The pieces of "Eqs. 7–8": each number leads to its place, the first together with the word."""
-    if kind == "place":
-        kind = re.match(r"Eq|Theorem|Algorithm", name)[0]
-    word, rest = re.match(r"(\D*)(.*)", name).groups()
-    for piece in re.split(r"(\d+)", rest)[1:]:
-        if piece.isdigit():
-            yield word + piece, place(kind, int(piece))
-            word = ""
-        elif piece:
-            yield piece, None
+def named(match):
+    """The pieces of a name that was found; in "Eqs. 7–8" each number leads to its place.
+
+    >>> [piece for piece, target in named(NAMES.search("Eqs. 7–8")) if target]
+    ['Eqs. 7', '8']
+    """
+    name, kind = match[0], match.lastgroup
+    if kind in ("claim", "deviation"):
+        return [(name, known()[kind].get(name))]
+    kind = re.match(r"Eq|Theorem|Algorithm|line|[Nn]otebook", name)[0].replace("Note", "note")
+    word, *rest = re.split(r"(?<=\D)(?=\d)|(?<=\d)(?=\D)", name)
+    found = [(word + rest[0], known()[kind].get(rest[0]))]
+    return found + [(piece, known()[kind].get(piece)) for piece in rest[1:]]
 
 
+@cache
 def functions(env):
-    """{name: (page, anchor)} of what the API documents: dotted names, and long ones that are unique."""
+    """{name: (page, anchor)} of what the API documents: dotted names, and those that are alone."""
     found, short = {}, {}
     for name, entry in env.domains["py"].objects.items():
         own = name.removeprefix("gbdqn_ref.")
@@ -112,32 +107,28 @@ def functions(env):
 
 @cache
 def terms():
-    """{term in lower case: anchor} of the glossary, and a pattern that finds them."""
-    found = pages.glossary()
-    words = "|".join(re.escape(term) for term in sorted(found, key=len, reverse=True))
-    return found, re.compile(rf"(?<![\w-])({words})s?(?![\w-])", re.I) if found else None
+    """{word in lower case: anchor in the glossary}, plurals included, and the pattern of them."""
+    found = {}
+    for term, where in course.terms().items():
+        plural = term[:-1] + "ies" if re.search(r"[^aeiou]y$", term) else term + "s"
+        found |= {term: where, plural: where}
+    words = "|".join(re.escape(word) for word in sorted(found, key=len, reverse=True))
+    return found, re.compile(rf"(?<![\w-])({words})(?![\w-])", re.I)
 
 
 def glossed(text):
-    """A text as [(piece, its (page, anchor) in the glossary or None)]."""
+    """A text as [(piece, its (page, anchor) in the glossary or None, "term")]."""
     found, pattern = terms()
-    if not pattern:
-        return [(text, None)]
-    split, end = [], 0
-    for match in pattern.finditer(text):
-        split += [(text[end : match.start()], None), (match[0], ("glossary", found[match[1].lower()]))]
-        end = match.end()
-    return [(piece, target) for piece, target in [*split, (text[end:], None)] if piece]
+    words = pattern.split(text)
+    return [
+        (word, ("glossary", found.get(word.lower())) if k % 2 else None, "term")
+        for k, word in enumerate(words)
+        if word
+    ]
 
 
 def link_names(app, doctree, docname):
     """Make links of the names in a page."""
-
-    def reference(piece, target, kind):
-        page, anchor = target
-        node = make_refnode(app.builder, docname, page, anchor, nodes.inline("", piece, classes=[kind]))
-        return node
-
     for text in list(doctree.findall(nodes.Text)):
         parents = list(ancestors(text))
         if any(isinstance(each, STILL) for each in parents):
@@ -145,19 +136,18 @@ def link_names(app, doctree, docname):
         if any(isinstance(each, nodes.literal) for each in parents):
             link_code(app, text, docname)
             continue
-        new = []
-        for piece, target in pieces(str(text)):
-            if target and target != (docname, ""):
-                new.append(reference(piece, target, "name"))
-            elif docname.startswith("course/") and not target:
-                new += [
-                    reference(word, where, "term") if where else nodes.Text(word)
-                    for word, where in glossed(piece)
-                ]
-            else:
-                new.append(nodes.Text(piece))
-        if any(not isinstance(node, nodes.Text) for node in new):
-            text.parent.replace(text, new)
+        found = [(*each, "name") for each in pieces(text.astext(), functions(app.env))]
+        if docname.startswith("course/"):
+            found = [word for each in found for word in ([each] if each[1] else glossed(each[0]))]
+        if any(target for _, target, _ in found):
+            text.parent.replace(text, [linked(app, docname, *each) for each in found])
+
+
+def linked(app, docname, words, target, kind):
+    """A piece of text as a link, or as text where it leads nowhere or to the page's own top."""
+    if not target or target == (docname, ""):
+        return nodes.Text(words)
+    return make_refnode(app.builder, docname, *target, nodes.inline("", words, classes=[kind]))
 
 
 def ancestors(node):
@@ -168,7 +158,7 @@ def ancestors(node):
 def link_code(app, text, docname):
     """A literal that is a function's name leads to the API, a test's to its source."""
     literal = text.parent
-    name = str(text).removesuffix("()")
+    name = text.astext().removesuffix("()")
     if test := re.fullmatch(r"(test_\w+\.py)(?:::(\w+))?", name):
         uri = tested(*test.groups())
     else:
@@ -184,9 +174,9 @@ def link_code(app, text, docname):
 def tested(file, name):
     """The address of a test's source, or None."""
     for folder in ("paper_checks", "tests"):
-        path = pages.ROOT / folder / file
+        path = ROOT / folder / file
         if path.exists():
-            return pages.address(f"{folder}/{file}", defined(path).get(name, ""))
+            return address(f"{folder}/{file}", defined(path).get(name, ""))
     return None
 
 
@@ -211,14 +201,19 @@ def escaped(app, what, name, thing, options, lines):
     prose = "\n".join(lines).rstrip()
     lines[:] = []
     for number in dict.fromkeys(cited_equations(prose)):
-        formula = pages.EQUATIONS[f"eq{number}"]["formula"]
+        formula = checked.EQUATIONS[f"eq{number}"]["formula"]
         lines += [".. math::", "", f"   {formula}", ""] if what != "module" else []
     for block in re.split(r"\n\s*\n", prose):
         lines += restructured(block)
     own = name.removeprefix("gbdqn_ref.")
-    resting = [id for id, claim in pages.ledger.CLAIMS.items() if own in claim.get("uses", [])]
+    resting = [id for id, claim in checked.ledger.CLAIMS.items() if own in claim.get("uses", [])]
     if resting:
         lines += [f"Claims that rest on it: {', '.join(resting)}.", ""]
+
+
+def without_text(app, what, name, thing, skip, options):
+    """Leave out what has no text of its own: the fields of a NamedTuple."""
+    return True if (thing.__doc__ or "").startswith("Alias for field number") else None
 
 
 def cited_equations(text):
@@ -250,12 +245,12 @@ def linkcode_resolve(domain, info):
     thing = import_module(info["module"])
     for part in info["fullname"].split("."):
         thing = getattr(thing, part, None)
-    thing = getattr(thing, "fget", thing)
+    thing = getattr(thing, "fget", getattr(thing, "func", thing))  # of a property
     try:
         number = inspect.getsourcelines(thing)[1]
     except TypeError:
         return None
-    return "../" + pages.address(info["module"].replace(".", "/") + ".py", f"L{number}")
+    return "../" + address(info["module"].replace(".", "/") + ".py", f"L{number}")
 
 
 # The source
@@ -264,8 +259,8 @@ def linkcode_resolve(domain, info):
 def source_pages(app):
     """A page for each Python file, each line with an anchor."""
     look = HtmlFormatter(lineanchors="L", anchorlinenos=True, linenos=False)
-    for file in pages.code():
-        text = highlight(pages.read(file), PythonLexer(stripnl=False), look)
+    for file in code():
+        text = highlight(read(file), PythonLexer(stripnl=False), look)
         text = re.sub(r'(id|name|href)="(#?)L-(\d+)"', r'\1="\2L\3"', text)
         body = f"<h1>{html.escape(file)}</h1>{text}"
         name = str(PurePosixPath("source", file).with_suffix(""))
@@ -274,6 +269,7 @@ def source_pages(app):
 
 def setup(app):
     app.connect("autodoc-process-docstring", escaped)
+    app.connect("autodoc-skip-member", without_text)
     app.connect("doctree-resolved", link_names)
     app.connect("html-collect-pages", source_pages)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -32,7 +32,7 @@ function arrive(reset) {
   const fold = target.closest("details")
     || (section && section.querySelector(":scope > p > .badge") && section.querySelector("details"));
   if (fold) fold.open = true;
-  target.scrollIntoView();
+  target.scrollIntoView({ behavior: "instant" });
 }
 
 document.addEventListener("DOMContentLoaded", () => {
