@@ -1,4 +1,7 @@
 "use strict";
+// From the disk a browser may not read other pages, so the search shows titles alone.
+if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
+
 // The ledger's filter, and folds that open when a link leads into them.
 function startFilter(form) {
   const claims = [...document.querySelectorAll("section")].filter(
