@@ -94,15 +94,17 @@ def named(match):
 
 @cache
 def functions(env):
-    """{name: (page, anchor)} of what the API documents: dotted names, and those that are alone."""
+    """{name: (page, anchor)} of what the API documents: dotted names, and of others those that are
+    alone and that no reader would give to something else, such as td_target and GBDQN.
+    """
     found, short = {}, {}
     for name, entry in env.domains["py"].objects.items():
         own = name.removeprefix("gbdqn_ref.")
         target = entry.docname, entry.node_id
-        found |= {name: target, own: target, own.partition(".")[2]: target}
+        found |= {each: target for each in (name, own, own.partition(".")[2]) if "." in each}
         short.setdefault(own.rpartition(".")[2], set()).add(target)
-    alone = {name: next(iter(where)) for name, where in short.items() if len(where) == 1}
-    return alone | {name: where for name, where in found.items() if "." in name or name in alone}
+    alone = {name: where for name, (where, *others) in short.items() if not others}
+    return found | {name: alone[name] for name in alone if re.search(r"\w_\w|^[A-Z]", name)}
 
 
 @cache
