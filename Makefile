@@ -22,7 +22,7 @@ site: .venv/site
 
 # In the system's Chromium or Chrome; what needs one is skipped where there is none.
 test-site: .venv/site-test
-	$(BIN)/python -m pytest tests/test_site.py
+	$(BIN)/python -m pytest tests/test_site.py tests/test_figures.py
 
 bench: .venv/train
 	$(BIN)/python benchmarks/bench.py --out runs/bench.png

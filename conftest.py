@@ -17,6 +17,12 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "browser: opens the site in a browser")
 
 
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if {"browser", "chromium"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.browser)
+
+
 def pytest_terminal_summary(terminalreporter):
     """How many tests of the site ran in a browser."""
     counts = {

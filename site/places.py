@@ -106,7 +106,8 @@ def _moved(image, label, link, source, page):
     if re.match(r"#|\w+:", link):
         return f"{image}[{label}]({link})"
     if "issues/new" in link:  # a form of the forge
-        return f"[{label}]({relative('contributing.md', page)}#a-verdict-that-is-wrong)"
+        contributing = relative("contributing.md", page)
+        return f"[{label}]({contributing})" if page != contributing else label
     link, _, anchor = link.partition("#")
     file = posixpath.normpath(posixpath.join(posixpath.dirname(source), link))
     if file == CHECKS and anchor:

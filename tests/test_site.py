@@ -333,24 +333,13 @@ def test_the_readme_is_short():
 
 # In a browser
 
-if CHROMIUM and importlib.util.find_spec("playwright"):
-    WHY = ""
-else:
-    WHY = "no Chromium" if not CHROMIUM else "without the extra site-test"
-browser = [pytest.mark.browser, pytest.mark.skipif(bool(WHY), reason=WHY)]
-
-
-def in_browser(test):
-    for mark in browser:
-        test = mark(test)
-    return test
-
 
 @pytest.fixture(scope="module")
 def chromium():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
+    if not CHROMIUM:
+        pytest.skip("there is no Chromium here")
+    api = pytest.importorskip("playwright.sync_api", reason="without the extra site-test")
+    with api.sync_playwright() as playwright:
         found = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield found
         found.close()
@@ -397,7 +386,6 @@ DRAWN = """async () => {
 WIDE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
-@in_browser
 def test_every_page_opens_on_a_phone_without_errors_requests_or_overflow(visit):
     tab = visit(viewport={"width": 390, "height": 844})
     for name in names():
@@ -408,7 +396,6 @@ def test_every_page_opens_on_a_phone_without_errors_requests_or_overflow(visit):
         assert not tab.wrong, (name, tab.wrong)
 
 
-@in_browser
 def test_the_source_opens_on_a_phone(visit):
     tab = visit("source/gbdqn_ref/gbdqn.html#L60", viewport={"width": 390, "height": 844})
     assert tab.evaluate(WIDE) == 0 and not tab.wrong
@@ -421,13 +408,11 @@ def of_each_kind():
     return sorted({*kinds.values(), "source/gbdqn_ref/optim.html"})
 
 
-@in_browser
 @pytest.mark.parametrize("mode", ["light", "dark"])
 def test_text_can_be_told_from_its_ground(visit, mode):
     """And axe finds nothing else that is grave."""
-    from axe_playwright_python.sync_playwright import Axe
-
-    axe, tab = Axe(), visit(color_scheme=mode, viewport={"width": 1280, "height": 900})
+    found = pytest.importorskip("axe_playwright_python.sync_playwright", reason="without axe")
+    axe, tab = found.Axe(), visit(color_scheme=mode, viewport={"width": 1280, "height": 900})
     for name in of_each_kind():
         visit(name, tab)
         found = axe.run(tab).response["violations"]
@@ -435,7 +420,6 @@ def test_text_can_be_told_from_its_ground(visit, mode):
         assert not grave, (name, [(each["id"], each["nodes"][0]["html"]) for each in grave])
 
 
-@in_browser
 def test_the_search_finds_the_residual(visit):
     tab = visit("search.html?q=residual")
     tab.wait_for_selector("#search-results li")
@@ -444,7 +428,6 @@ def test_the_search_finds_the_residual(visit):
     assert not tab.wrong
 
 
-@in_browser
 def test_the_ledgers_filter_leaves_what_it_says(visit):
     tab, rows = visit("ledger.html"), ledger()
     count, shown = tab.locator(".filter output"), tab.locator("section:has(> p > .badge):visible")
@@ -459,7 +442,6 @@ def test_the_ledgers_filter_leaves_what_it_says(visit):
     assert shown.count() == 0
 
 
-@in_browser
 def test_a_link_to_a_claim_opens_its_fold_even_if_the_filter_had_left_it_out(visit):
     tab = visit("ledger.html")
     tab.select_option("[name=verdict]", "misprint")
@@ -471,7 +453,6 @@ def test_a_link_to_a_claim_opens_its_fold_even_if_the_filter_had_left_it_out(vis
     assert 0 <= top < 400
 
 
-@in_browser
 def test_without_scripts_the_ledger_is_whole(visit):
     tab = visit("ledger.html", java_script_enabled=False)
     assert not tab.locator("form.filter").is_visible()
@@ -481,7 +462,6 @@ def test_without_scripts_the_ledger_is_whole(visit):
     assert fold.locator("li").first.is_visible()
 
 
-@in_browser
 def test_answers_stay_hidden_until_they_are_asked_for(visit):
     folded = [
         stem
@@ -499,7 +479,6 @@ def test_answers_stay_hidden_until_they_are_asked_for(visit):
     assert output.is_visible()
 
 
-@in_browser
 def test_dark_pictures_are_turned_round(visit):
     seen = {}
     for mode in ("light", "dark"):
