@@ -25,7 +25,7 @@ class Boosted:
         return self.frozen + self.h if self.live else self.frozen
 
     def learn(self, room, action, reward, room2, terminated, rate=0.5):
-        """Move h[room, action] by `rate` of the way to the residual, y − frozen."""
+        """With residual = y − frozen: h += rate * (residual − h) at [room, action]."""
         y = reward if terminated else reward + GAMMA * self.q()[room2].max()
         residual = y - self.frozen[room, action]
         self.h[room, action] += rate * (residual - self.h[room, action])

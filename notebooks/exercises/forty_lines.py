@@ -247,7 +247,7 @@ EXERCISES = [
     Exercise(
         "boost",
         "h[room, action] is y − frozen[room, action], with y as in notebook 1 and "
-        "frozen[room2] in it; the goal's own row stays 0. Return frozen + alpha * h.",
+        "frozen[room2] in it; the goal's row of h is 0. Return frozen + alpha * h.",
         boost,
         {
             "No mask: a step into the goal is worth its reward alone.": no_mask,
