@@ -24,7 +24,7 @@ Arrays = dict[str, np.ndarray]
 FORMAT = 1
 HEADER = {"format": (int,), "episodes": (int,), "config": (dict,)}
 REBUILT = {"config", "net", "memo"}  # a new agent has these, or computes them when needed
-GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent")  # arrays whose first axis grows
+GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent", "turns")  # in their first axis
 
 DAMAGED = (
     ValueError,

@@ -6,6 +6,7 @@ from .gbdqn import GBDQN
 
 SHELF = 3  # stages that compete
 PATIENCE, WINDOW = 50, 10  # episodes allowed for recovery, and in the mean return
+TURNS = 5  # episodes each, of a stage and of the learner that started from it
 
 
 class ReuseGBDQN(GBDQN):
@@ -15,6 +16,9 @@ class ReuseGBDQN(GBDQN):
     episode; the best continues, with a new booster on top. They compete again after 50 episodes if
     the mean return is then below the midpoint between the worst return and the mean before the
     change. With a warm start this is DQN that stores and reuses its networks.
+
+    A learner begins on probation where the stage that it started from still does well, above that
+    midpoint: the two play in turn until the learner's last five returns are at least as good.
     """
 
     def __init__(self, state_dim, n_actions, config, rng):
@@ -24,12 +28,20 @@ class ReuseGBDQN(GBDQN):
         self.on_trial = False
         self.recent = np.empty(0)  # returns since the last change, at most PATIENCE
         self.worst, self.before = np.inf, -np.inf  # the worst return, the mean before the change
+        self.base, self.on_probation = 0, False  # the stage that the learner started from
+        self.turns = np.empty(0)  # returns of the base, the learner, the base, … on probation
 
     def act(self, s, greedy=False):
-        if self.on_trial and not greedy:
-            stage = self.shelf[-1 - len(self.returns)]
-            return int(self.ensemble.staged_q(s)[stage].argmax())
-        return super().act(s, greedy)
+        stage = None if greedy else self._playing()
+        if stage is None:
+            return super().act(s, greedy)
+        return int(self.ensemble.staged_q(s)[stage].argmax())
+
+    def _playing(self):
+        """The stage that plays this episode; None if the learner does."""
+        if self.on_trial:
+            return self.shelf[-1 - len(self.returns)]
+        return self.base if self.on_probation and len(self.turns) % 2 == 0 else None
 
     def on_drift(self, event, fresh=0):
         """Freeze the current Q and let the stages compete, at a drift and at a reset."""
@@ -37,28 +49,41 @@ class ReuseGBDQN(GBDQN):
             self.before = self.recent[-WINDOW:].mean()
         super().on_drift("drift" if event == "reset" else event, fresh)
         self.shelf = np.append(self.shelf, len(self.ensemble) - 1)[-SHELF:]
-        self.returns, self.recent = np.empty(0), np.empty(0)
+        self.returns, self.recent, self.turns = np.empty(0), np.empty(0), np.empty(0)
+        self.base, self.on_probation = len(self.ensemble) - 1, True
         self.on_trial = len(self.shelf) > 1
 
     def end_episode(self, total, td_error):
-        """Record a return; after the last trial the best stage continues, the newest of equals."""
-        self.worst = min(self.worst, total)
-        if not self.on_trial:
-            self.recent = np.append(self.recent, total)[-PATIENCE:]
-            super().end_episode(total, td_error)
-            if len(self.recent) == PATIENCE and not self._recovered():
-                self.on_drift("drift", len(self.replay))
+        """Record a return. What a stage plays is neither charted nor counted for recovery."""
+        stage, self.worst = self._playing(), min(self.worst, total)
+        if self.on_trial:
+            self.returns = np.append(self.returns, total)
+            if len(self.returns) == len(self.shelf):
+                self._choose()
+        elif self.on_probation:
+            self.turns = np.append(self.turns, total)
+            of_base, of_learner = self.turns[::2][-TURNS:], self.turns[1::2][-TURNS:]
+            passed = len(of_learner) == TURNS and of_learner.mean() >= of_base.mean()
+            self.on_probation = bool(self.turns[0] >= self._midpoint() and not passed)
+        if stage is not None:
+            self.episode_start = self.steps
             return
-        self.episode_start = self.steps
-        self.returns = np.append(self.returns, total)
-        if len(self.returns) == len(self.shelf):
-            self._choose()
+        self.recent = np.append(self.recent, total)[-PATIENCE:]
+        super().end_episode(total, td_error)
+        if len(self.recent) == PATIENCE and not self._recovered():
+            self.on_drift("drift", len(self.replay))
 
     def _recovered(self):
-        return self.recent[-WINDOW:].mean() >= (self.worst + self.before) / 2
+        return self.recent[-WINDOW:].mean() >= self._midpoint()
+
+    def _midpoint(self):
+        """Between the worst return and the mean before the change."""
+        return (self.worst + self.before) / 2
 
     def _choose(self):
+        """The best stage continues, the newest of equals."""
         self.on_trial, best = False, self.shelf[-1 - self.returns.argmax()]
+        self.base = int(best)
         if best < len(self.ensemble) - 1:
             self.shelf = self.shelf[self.shelf != best]  # its successor joins later
             self._continue_from(best)

@@ -9,7 +9,7 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.boosting import Ensemble
 from gbdqn_ref.detect import SLACK
 from gbdqn_ref.nn import MLP
-from gbdqn_ref.reuse import PATIENCE, SHELF, WINDOW
+from gbdqn_ref.reuse import PATIENCE, SHELF, TURNS, WINDOW
 from gbdqn_ref.train import Config, make_agent, run
 
 DRIFTING = SMALL | dict(schedule=drifts_at(4, 7, 10), capacity=400)
@@ -264,16 +264,71 @@ def test_the_shelf_holds_only_the_last_stages():
     assert agent.shelf.tolist() == [2, 3, 4] and len(agent.ensemble) == 5
 
 
-def test_returns_of_trials_are_not_charted():
-    """Several policies play them, so their returns say nothing about the physics."""
+def test_what_a_stage_plays_is_not_charted():
+    """Several policies play, so these returns say nothing about the physics."""
     agent = trained(2)
     feed(agent, 10)
     agent.on_drift("drift")
     charted = []
     agent.detector.update = lambda replay, start, total, td_error: charted.append(total)
-    for total in (1.0, 2.0, 3.0, 4.0):
+    for total in (1.0, 2.0, 3.0, 14.0, 5.0, 16.0, 7.0):  # three trials, then base and learner
         play(agent, total)
-    assert charted == [4.0]
+    assert charted == [5.0, 7.0] and agent.recent.tolist() == charted
+
+
+def on_probation(agent="gbdqn-reuse"):
+    """A reuse agent after its first drift; its level before was 10, its worst return 0."""
+    agent = agent_of(agent, drift_signal="schedule", capacity=1000)
+    for total in (0.0, *[10.0] * WINDOW):
+        play(agent, total)
+    feed(agent, 60)
+    agent.on_drift("drift")
+    return agent
+
+
+@pytest.mark.parametrize("agent", ["gbdqn-reuse", "dqn-reuse"])
+def test_on_probation_the_learner_and_its_base_play_in_turn(agent):
+    agent = on_probation(agent)
+    feed(agent, 60, seed=1)
+    for _ in range(40):
+        agent.learn()
+    base, learner = agent.ensemble.staged_q(states())[0], agent.q(states())
+    assert (base.argmax(-1) != learner.argmax(-1)).any()
+    for k in range(4):
+        if k % 2 == 0:
+            assert [agent.act(s) for s in states()] == base.argmax(-1).tolist()
+        greedy = [agent.act(s, greedy=True) for s in states()]
+        assert greedy == learner.argmax(-1).tolist(), "an evaluation is of the learner"
+        assert agent._playing() == (None if k % 2 else 0)
+        play(agent, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("base", "learner", "turns"),
+    [
+        ([8.0] * 9, [8.0] * 9, 2 * TURNS),  # as good is good enough
+        ([8.0] * 9, [1.0] * 2 + [8.0] * 7, 2 * TURNS + 4),  # the last five count
+        ([8.0] * 9, [20.0] * 9, 2 * TURNS),  # five are needed
+        ([5.0] + [0.0] * 9, [9.0] * 9, 2 * TURNS),  # the midpoint is good enough
+        ([4.0] * 9, [0.0] * 9, 1),  # the base has been useless since the change
+    ],
+)
+def test_when_probation_ends(base, learner, turns):
+    agent, played = on_probation(), 0
+    for pair in zip(base, learner, strict=False):
+        for total in pair:
+            if agent.on_probation:
+                play(agent, total)
+                played += 1
+    assert not agent.on_probation and played == turns
+
+
+def test_after_a_trial_the_winner_is_the_base():
+    agent = trained(2)
+    agent.on_drift("drift")
+    for total in (1.0, 9.0, 1.0):
+        play(agent, total)
+    assert agent.on_probation and agent.base == agent._playing() == 1
 
 
 @pytest.mark.parametrize(("later", "again"), [(-200.0, True), (-100.0, False)])
@@ -283,13 +338,14 @@ def test_without_recovery_the_stages_compete_again(later, again):
     for _ in range(WINDOW):
         play(agent, -100.0)
     agent.on_drift("drift")
-    play(agent, -200.0)
+    for _ in range(2):  # its base, which then has no more turns, and the learner
+        play(agent, -200.0)
     for _ in range(PATIENCE - 2):
         play(agent, later)
     assert len(agent.shelf) == 1
     play(agent, later)
     assert (len(agent.shelf) == 2, agent.on_trial) == (again, again)
-    assert len(agent.replay) == 5 * PATIENCE, "data of the current physics stay"
+    assert len(agent.replay) == 5 * (PATIENCE + 1), "data of the current physics stay"
 
 
 def test_an_unrecovered_level_does_not_become_the_new_target():
