@@ -1,7 +1,7 @@
 """Why does a new booster lose CartPole? One agent per seed, forked at an event into many arms.
 
-    python benchmarks/keep/cartpole.py run --seeds 20 --jobs 2 --out runs/cartpole-cause
-    python benchmarks/keep/cartpole.py table --out runs/cartpole-cause
+    python benchmarks/keep/cartpole.py run --seeds 20 --jobs 2
+    python benchmarks/keep/cartpole.py table
 
 An agent learns for 300 episodes. Then either nothing changes, and the data are kept, or gravity is
 three times as large, and the data are dropped. Each arm goes on for 100 episodes from a copy and
@@ -29,6 +29,7 @@ import numpy as np
 from gbdqn_ref import bellman, files, stats, train
 from gbdqn_ref.config import Config
 
+RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep" / "cartpole"
 FIRST, EPISODE, AFTER, EARLY, LATE = 20, 300, 100, 20, 50  # the first seed, then episodes
 LARGEST = 100.0  # 1 / (1 − γ): no return is above it
 EVENTS = {
@@ -76,7 +77,8 @@ def run_seed(out, seed):
             if event == "gravity" or on_null:
                 config = config_of(event, seed, **values)
                 result[f"{event}: {arm}"] = run_arm(copy.deepcopy(base), config, way)
-    files.write_json(out / f"{seed}.json", result)
+    rounded = {arm: {key: round(x, 3) for key, x in each.items()} for arm, each in result.items()}
+    files.write_json(out / f"{seed}.json", rounded)
 
 
 def run_arm(agent, config, way):
@@ -187,7 +189,7 @@ def main():
     parser.add_argument("what", choices=["run", "table"])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("runs/cartpole-cause"))
+    parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     if args.what == "run":
         args.out.mkdir(parents=True, exist_ok=True)
