@@ -133,7 +133,7 @@ def link_names(app, doctree, docname):
     """Make links of the names in a page."""
     for text in list(doctree.findall(nodes.Text)):
         parents = list(ancestors(text))
-        if any(isinstance(each, STILL) for each in parents):
+        if any(isinstance(each, STILL) for each in parents) or in_html_link(text):
             continue
         if any(isinstance(each, nodes.literal) for each in parents):
             link_code(app, text, docname)
@@ -150,6 +150,12 @@ def linked(app, docname, words, target, kind):
     if not target or target == (docname, ""):
         return nodes.Text(words)
     return make_refnode(app.builder, docname, *target, nodes.inline("", words, classes=[kind]))
+
+
+def in_html_link(text):
+    """Whether a text is that of a link in HTML."""
+    before = text.parent[: text.parent.index(text)]
+    return bool(before) and isinstance(before[-1], nodes.raw) and before[-1].astext()[:3] == "<a "
 
 
 def ancestors(node):
@@ -260,10 +266,10 @@ def linkcode_resolve(domain, info):
 
 def source_pages(app):
     """A page for each Python file, each line with an anchor."""
-    look = HtmlFormatter(lineanchors="L", anchorlinenos=True, linenos=False)
+    look = HtmlFormatter(linespans="L")
     for file in code():
         text = highlight(read(file), PythonLexer(stripnl=False), look)
-        text = re.sub(r'(id|name|href)="(#?)L-(\d+)"', r'\1="\2L\3"', text)
+        text = text.replace('<span id="L-', '<span id="L')
         body = f"<h1>{html.escape(file)}</h1>{text}"
         name = str(PurePosixPath("source", file).with_suffix(""))
         yield name, {"title": file, "body": body, "parents": []}, "page.html"

@@ -38,6 +38,15 @@ function arrive(reset) {
   target.scrollIntoView({ behavior: "instant" });
 }
 
+// What scrolls can be reached by the keyboard, and the sidebar's headings have a level.
+function reachable() {
+  for (const each of document.querySelectorAll("pre, .table-wrapper, mjx-container"))
+    if (each.scrollWidth > each.clientWidth) each.tabIndex = 0;
+  for (const each of document.querySelectorAll("[role=heading]:not([aria-level])"))
+    each.setAttribute("aria-level", "2");
+}
+
+window.addEventListener("load", reachable);
 document.addEventListener("DOMContentLoaded", () => {
   const form = document.querySelector("form.filter");
   const reset = form ? startFilter(form) : () => {};
