@@ -1,4 +1,4 @@
-"""The picture of notebook 14."""
+"""The picture of notebook 13."""
 
 import matplotlib.pyplot as plt
 
