@@ -134,7 +134,7 @@ FAST = {
     "hopper": HOPPER | FAST_HOPPER,
 }
 
-# The paper's Hopper ends before anything is learnt; this one is three times as long.
+# The paper's Hopper ends before much is learnt; this one is three times as long.
 LONG_HOPPER: dict[str, Any] = dict(
     episodes=1_500,
     learning_starts=1_000,
