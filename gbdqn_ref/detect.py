@@ -116,16 +116,15 @@ class Detector:
     def update(self, replay, start, total, td_error):
         """Chart the episode that began at step `start`; the step of a change, or None.
 
-        An episode without an update has no TD error (nan), and is not charted.
+        An error of nan (an episode without an update) or 0 has no logarithm, and is not charted.
         """
-        x = -total
-        if self.symptom == "td_error":
-            x = log(td_error) if td_error > 0 else None
-        elif self.symptom == "model":
+        if self.symptom == "return":
+            return self.chart.update(-total, start)
+        error = td_error
+        if self.symptom == "model":
             first = max(start, replay.added - replay.capacity)
-            index = np.arange(first, replay.added) % replay.capacity
-            x = log(self.model.update(replay, index))
-        return None if x is None else self.chart.update(x, start)
+            error = self.model.update(replay, np.arange(first, replay.added) % replay.capacity)
+        return self.chart.update(log(error), start) if error > 0 else None
 
 
 class Deaf:

@@ -134,6 +134,8 @@ def test_a_model_is_shown_the_transitions_of_the_episode():
     )
     assert charted("model", replay, 7, 0.0, nan, model=model) == pytest.approx(3.0)
     charted("model", replay, 0, 0.0, nan, model=model)
+    perfect = SimpleNamespace(update=lambda replay, index: 0.0)
+    assert charted("model", replay, 7, 0.0, nan, model=perfect) is None
     assert [s.tolist() for s in seen] == [[7, 8, 9, 10], [3, 4, 5, 6, 7, 8, 9, 10]]
 
 

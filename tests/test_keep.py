@@ -1,6 +1,7 @@
 """The study of what to keep at a drift: its program, end to end, and its fast version."""
 
 import json
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,6 +15,7 @@ from gbdqn_ref.schedule import Regime
 
 KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
 sys.path.append(str(KEEP))
+import cartpole  # noqa: E402
 import study  # noqa: E402
 from protocol import Protocol  # noqa: E402
 
@@ -172,6 +174,19 @@ def test_a_diverged_run_counts_as_the_random_policy(tmp_path, tiny):
     assert row["value"] == runs.random_return(config) and row["regimes"] == [row["value"]] * 2
     with pytest.raises(RuntimeError, match="MemoryError"):
         study.diverged(protocol.reported("mini-null", "drop", 2000), "MemoryError: 9 GiB")
+
+
+def test_the_page_has_cartpoles_table_from_the_stored_files():
+    lines = (KEEP / "README.md").read_text(encoding="utf-8").splitlines()
+    table = cartpole.table(cartpole.RESULTS)
+    assert len(table) == len(cartpole.ARMS) and set(table) <= set(lines)
+
+
+def test_a_wrong_task_is_refused_in_one_line(tmp_path):
+    command = [sys.executable, KEEP / "study.py", "report", "--tasks=pong", f"--results={tmp_path}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert "there is no task 'pong' in the protocol" in done.stderr
 
 
 def test_the_fast_study_sees_the_largest_effects(tmp_path):

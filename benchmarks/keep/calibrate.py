@@ -25,12 +25,6 @@ LEVELS = (4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 BLOCK, RUNS = 100, 400  # episodes in a block, bootstrapped runs
 WITHIN = 10  # episodes in which a drift must be found
 TARGET = 0.05  # false alarms per run
-FLOOR = {
-    "acrobot": -500.0,
-    "mountaincar": -200.0,
-    "cartpole": 9.3,
-    "hopper": 19.8,
-}  # nothing learnt
 
 
 class Recorder:
@@ -96,7 +90,7 @@ def delay(series, level, at, size, floor):
 def levels(env, out):
     """Print the table of an environment, and the lowest level that meets the target."""
     config = Config.preset(env, "null")
-    first = config.regimes[1].start
+    first, floor = config.regimes[1].start, runs.random_return(config)
     recorded = [json.loads(path.read_text()) for path in sorted(out.glob(f"{env}-[0-9]*.json"))]
     print(f"\n{env}, {len(recorded)} runs; false alarms per run, bootstrapped and as recorded")
     events, episodes = len(config.regimes) - 1, config.episodes - first
@@ -112,7 +106,7 @@ def levels(env, out):
         rates = [np.mean([len(alarms(symptom, x, level)) for x in series]) for level in LEVELS]
         for level, rate in zip(LEVELS, rates, strict=True):
             own = np.mean([len(alarms(symptom, x, level)) for x in known])
-            found = by_size(series, level, first, FLOOR[env]) if symptom == "return" else ""
+            found = by_size(series, level, first, floor) if symptom == "return" else ""
             print(f"{symptom:9} {level:3}  {rate:6.2f} {own:6.2f}  {found}")
         good = [level for level, rate in zip(LEVELS, rates, strict=True) if rate <= TARGET]
         print(f"{symptom}: {good[0] if good else 'no level'} meets {TARGET} per run")
@@ -158,7 +152,7 @@ def costly_drifts(config, records):
 
     Its greedy evaluation before the drift says so: of the current regime, and of the coming one.
     """
-    floor = FLOOR[config.env]
+    floor = runs.random_return(config)
     span = max(max(each["evaluation"], default=floor) for each in records) - floor
     found = []
     for k, regime in enumerate(config.regimes[1:]):

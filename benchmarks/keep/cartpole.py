@@ -129,7 +129,10 @@ def forget(agent):
 
 
 class Gate:
-    """Q_{m−1} and Q_m act in turn, until the last five returns of Q_m are the better ones."""
+    """Q_{m−1} and Q_m act in turn, until the last five returns of Q_m are as good.
+
+    ReuseGBDQN's probation came of this; it asks besides whether Q_{m−1} still does well.
+    """
 
     def __init__(self, agent):
         self.agent, self.returns, self.open = agent, ([], []), False
@@ -169,19 +172,30 @@ def measures(agent):
 
 
 def table(out):
-    """Print the interquartile means over seeds, and the paired differences to DQN."""
+    """The lines of a Markdown table, one per arm; for each event the IQM over seeds of four things.
+
+    The mean returns of the first and of the last episodes, the difference of the latter to DQN's
+    with its 95 % interval, and the share of dormant units at the end.
+    """
     seeds = [json.loads(path.read_text()) for path in sorted(out.glob("[0-9]*.json"))]
-    names = ("first", "last", "q", "dormant", "rank", "late q", "late dormant", "late rank")
-    print(f"{len(seeds)} seeds; IQM; last − DQN with its 95 % interval\n")
-    print(f"{'':36}" + "".join(f"{name:>13}" for name in names))
-    rng = np.random.default_rng(0)
-    for arm in list(seeds[0])[1:]:
-        cells = [stats.iqm([seed[arm][name] for seed in seeds]) for name in names]
-        event = arm.partition(":")[0]
-        apart = [seed[arm]["last"] - seed[f"{event}: DQN"]["last"] for seed in seeds]
-        low, high = stats.bootstrap_interval(np.array(apart), rng)
-        line = "".join(f"{cell:13.2f}" for cell in cells)
-        print(f"{arm:36}{line}   {stats.iqm(apart):+.0f} [{low:+.0f}, {high:+.0f}]")
+    return [
+        f"| {arm} | {cells(seeds, 'null', arm)} | {cells(seeds, 'gravity', arm)} |" for arm in ARMS
+    ]
+
+
+def cells(seeds, event, arm):
+    """An arm's four cells for one event, empty if the event does not have it."""
+    rows = [seed.get(f"{event}: {arm}") for seed in seeds]
+    if None in rows:
+        return " | | | "
+    first, last, dormant = (
+        stats.iqm([row[name] for row in rows]) for name in ("first", "last", "late dormant")
+    )
+    dqn = [seed[f"{event}: DQN"]["last"] for seed in seeds]
+    apart = [row["last"] - other for row, other in zip(rows, dqn, strict=True)]
+    low, high = stats.bootstrap_interval(np.array(apart), np.random.default_rng(0))
+    difference = "" if arm == "DQN" else f"{stats.iqm(apart):+.0f} [{low:+.0f}, {high:+.0f}]"
+    return f"{first:.0f} | {last:.0f} | {difference} | {dormant:.2f}"
 
 
 def main():
@@ -198,7 +212,7 @@ def main():
         ]
         with ProcessPoolExecutor(args.jobs) as pool:
             list(pool.map(partial(run_seed, args.out), seeds))
-    table(args.out)
+    print("\n".join(table(args.out)))
 
 
 if __name__ == "__main__":

@@ -39,13 +39,18 @@ class Protocol:
                 for arm in [hypothesis["arm"], *hypothesis["against"]]:
                     self.check(task, arm)
 
-    def check(self, task, arm, seed=None, purpose="report"):
-        """UsageError unless this run is in the protocol."""
+    def parts(self, task):
+        """The parts of the study that a task is in."""
         if task not in self.tasks:
             raise UsageError(f"there is no task {task!r} in the protocol; it has {[*self.tasks]}")
+        return set(self.tasks[task]["parts"])
+
+    def check(self, task, arm, seed=None, purpose="report"):
+        """UsageError unless this run is in the protocol."""
+        parts = self.parts(task)
         if arm not in self.arms:
             raise UsageError(f"there is no arm {arm!r} in the protocol; it has {[*self.arms]}")
-        if not set(self.tasks[task]["parts"]) & set(self.arms[arm]["parts"]):
+        if not parts & set(self.arms[arm]["parts"]):
             raise UsageError(f"the arm {arm} is in no part of the study that {task} is in")
         low, high = self.seeds[purpose]
         if seed is not None and not low <= seed <= high:
@@ -53,7 +58,7 @@ class Protocol:
 
     def arms_of(self, task):
         """The arms of a task, in the protocol's order."""
-        parts = set(self.tasks[task]["parts"])
+        parts = self.parts(task)
         return [arm for arm in self.arms if parts & set(self.arms[arm]["parts"])]
 
     def reported(self, task, arm, seed):

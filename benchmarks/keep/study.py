@@ -12,6 +12,7 @@ as they go on, and a run whose row is stored is not trained again, on whatever m
 
 import argparse
 import json
+import sys
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from protocol import FILE, Protocol, code_hash, primary, settings_hash
 
-from gbdqn_ref import files, runs, stats, study
+from gbdqn_ref import UsageError, files, runs, stats, study
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
 EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
@@ -265,4 +266,8 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except UsageError as e:
+        print(f"study.py: {e}", file=sys.stderr)
+        sys.exit(2)
