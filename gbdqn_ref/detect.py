@@ -15,7 +15,7 @@ from .optim import Adam
 # k by symptom: half of the shift to be found in standard deviations: a model's error shifts more
 SLACK = {"return": 0.5, "td_error": 0.5, "model": 2.0}
 LARGEST, REFERENCE = 3.0, 30  # the largest z, and the reference's memory in episodes
-STEPS, BATCH = 8, 64  # a model's environment steps per update, and transitions per batch
+STEPS, LEAST, BATCH = 8, 8, 64  # a model's steps per update, updates per episode, batch size
 
 
 def cusum(S, z, slack=0.5):
@@ -45,14 +45,17 @@ class Chart:
         self.restart()
 
     def restart(self):
-        """Forget the reference and the sum."""
-        self.n, self.mean, self.variance, self.S, self.since = 0, 0.0, 0.0, 0.0, 0
+        """Forget the reference and the sum, and pass over the next 30 values."""
+        self.n, self.mean, self.variance, self.S, self.since = -REFERENCE, 0.0, 0.0, 0.0, 0
 
     def update(self, x, at):
         """Chart x, observed from step `at` on; if S > level, restart and return the change's step.
 
         That is the step of the x at which S last left 0.
         """
+        if self.n < 0:
+            self.n += 1
+            return None
         away, sigma = x - self.mean, sqrt(self.variance) + 1e-9
         if self.n >= REFERENCE:
             z = min(away / sigma, LARGEST)
@@ -83,19 +86,20 @@ class TransitionModel:
         self.n, self.sizes = 0, np.zeros((2, state_dim))  # transitions, Σ|s| and Σ|s' − s|
 
     def update(self, replay, index):
-        """Learn after an episode, whose slots are `index`; the model's median error on it before.
+        """Learn after an episode, whose slots are `index`; the error before, at its third quartile.
 
-        The median passes over single steps that no smooth model fits, like a hit against a wall.
+        The quartile passes over single steps that no smooth model fits, like a hit against a wall,
+        and over most of an episode in which nothing moves.
         """
         s, s2, slots = replay.s[index], replay.s2[index], replay.slots()
         self.n += len(index)
         self.sizes += np.abs([s, s2 - s]).sum(1)
         errors, _ = self._errors(replay, index)
-        for _ in range(len(index) // STEPS + 1):
+        for _ in range(max(LEAST, len(index) // STEPS)):
             batch_errors, cache = self._errors(replay, self.rng.choice(slots, BATCH))
             gradient = np.clip(batch_errors, -1, 1) / batch_errors.size
             self.adam.step(self.theta, self.net.backward(self.theta, cache, gradient))
-        return float(np.median(np.abs(errors).mean(1)))
+        return float(np.quantile(np.abs(errors).mean(1), 0.75))
 
     def _errors(self, replay, index):
         """Predicted minus actual steps (B, d) of the transitions in these slots, and the cache."""
@@ -116,10 +120,11 @@ class Detector:
     def update(self, replay, start, total, td_error):
         """Chart the episode that began at step `start`; the step of a change, or None.
 
-        An error of nan (an episode without an update) or 0 has no logarithm, and is not charted.
+        An error of nan (an episode without an update) or 0 has no logarithm, and is not charted; a
+        return of nan (an older stage's) is not either.
         """
         if self.symptom == "return":
-            return self.chart.update(-total, start)
+            return self.chart.update(-total, start) if total == total else None
         error = td_error
         if self.symptom == "model":
             first = max(start, replay.added - replay.capacity)

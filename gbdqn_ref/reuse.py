@@ -54,7 +54,7 @@ class ReuseGBDQN(GBDQN):
         self.on_trial = len(self.shelf) > 1
 
     def end_episode(self, total, td_error):
-        """Record a return. What a stage plays is neither charted nor counted for recovery."""
+        """Record a return. One that a stage played is not charted, nor counted for recovery."""
         stage, self.worst = self._playing(), min(self.worst, total)
         if self.on_trial:
             self.returns = np.append(self.returns, total)
@@ -65,11 +65,9 @@ class ReuseGBDQN(GBDQN):
             of_base, of_learner = self.turns[::2][-TURNS:], self.turns[1::2][-TURNS:]
             passed = len(of_learner) == TURNS and of_learner.mean() >= of_base.mean()
             self.on_probation = bool(self.turns[0] >= self._midpoint() and not passed)
-        if stage is not None:
-            self.episode_start = self.steps
-            return
-        self.recent = np.append(self.recent, total)[-PATIENCE:]
-        super().end_episode(total, td_error)
+        if stage is None:
+            self.recent = np.append(self.recent, total)[-PATIENCE:]
+        super().end_episode(total if stage is None else np.nan, td_error)
         if len(self.recent) == PATIENCE and not self._recovered():
             self.on_drift("drift", len(self.replay))
 

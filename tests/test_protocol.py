@@ -70,12 +70,12 @@ def test_a_run_counts_once_and_an_arm_has_one_version_of_the_code(reporting):
 def test_a_run_is_reported_with_the_settings_that_tuning_chose(reporting):
     """Without a drift and on the held-out schedule too, where nothing is tuned."""
     with pytest.raises(UsageError, match="acrobot-null is reported after acrobot is tuned"):
-        Protocol().reported("acrobot-null", "dqn", 2000)
+        Protocol().reported("acrobot-null", "dqn-drop", 2000)
     tuned = Protocol(tuned=TUNED | {"acrobot": TUNED["acrobot"] | {"dqn-drop": {"lr": 0.25}}})
     for task in ("acrobot", "acrobot-null", "acrobot-held-out"):
-        assert tuned.reported(task, "dqn", 2000).lr == 0.25
+        assert tuned.reported(task, "dqn-drop", 2000).lr == 0.25
         assert tuned.reported(task, "reuse", 2000).lr == 0.001
-    assert tuned.reported("mountaincar", "dqn", 2000).lr == 0.004
+    assert tuned.reported("mountaincar", "dqn-drop", 2000).lr == 0.004
     with pytest.raises(UsageError, match="made with other settings"):
         tuned.check_rows([row(reporting)])
 

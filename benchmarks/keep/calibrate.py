@@ -4,10 +4,11 @@
     python benchmarks/keep/calibrate.py levels --env acrobot --out runs/calibration
     python benchmarks/keep/calibrate.py found runs/detected-acrobot
 
-`record` trains DQN under the preset `null` and keeps what each detector would chart. `levels`
-bootstraps runs without a drift from blocks of these: false alarms per run at each level, and how
-soon a fall of the return is found, by its size. `found` reads the folders of a study with detecting
-agents. A drift counts if it costs a run half of its own span, by its stored greedy evaluation.
+`record` trains DQN, which hears of no event, under the preset `null` and keeps what each detector
+would chart. `levels` bootstraps runs without a drift from blocks of these: false alarms per run at
+each level, and how soon a fall of the return is found, by its size. `found` reads the folders of a
+study with detecting agents. A drift counts if it costs a run half of its own span, by its stored
+greedy evaluation.
 """
 
 import argparse
@@ -50,7 +51,7 @@ class Detectors:
 
 def record(env, out, seed):
     """Train one run without a drift and write {symptom: charted numbers} of its episodes."""
-    config = Config.preset(env, "null", agent="dqn", seed=seed)
+    config = Config.preset(env, "null", agent="dqn", seed=seed, drift_signal=[])
     agent = train.make_agent(config)
     shape = agent.replay.s.shape[1], agent.n_actions
     model = detect.TransitionModel(*shape, np.random.default_rng(seed))
