@@ -86,10 +86,9 @@ class TransitionModel:
         self.n, self.sizes = 0, np.zeros((2, state_dim))  # transitions, Σ|s| and Σ|s' − s|
 
     def update(self, replay, index):
-        """Learn after an episode, whose slots are `index`; the error before, at its third quartile.
+        """Learn after an episode, whose slots are `index`; the model's median error on it before.
 
-        The quartile passes over single steps that no smooth model fits, like a hit against a wall,
-        and over most of an episode in which nothing moves.
+        The median passes over single steps that no smooth model fits, like a hit against a wall.
         """
         s, s2, slots = replay.s[index], replay.s2[index], replay.slots()
         self.n += len(index)
@@ -99,7 +98,7 @@ class TransitionModel:
             batch_errors, cache = self._errors(replay, self.rng.choice(slots, BATCH))
             gradient = np.clip(batch_errors, -1, 1) / batch_errors.size
             self.adam.step(self.theta, self.net.backward(self.theta, cache, gradient))
-        return float(np.quantile(np.abs(errors).mean(1), 0.75))
+        return float(np.median(np.abs(errors).mean(1)))
 
     def _errors(self, replay, index):
         """Predicted minus actual steps (B, d) of the transitions in these slots, and the cache."""
