@@ -5,7 +5,7 @@ cumulative sum, k the slack. x rises when something gets worse: it is minus the 
 the log error of a model of the physics.
 """
 
-from math import log, sqrt
+from math import isnan, log, sqrt
 
 import numpy as np
 
@@ -30,14 +30,15 @@ def cusum(S, z, slack=0.5):
 class Chart:
     """A one-sided CUSUM chart, which detects rises of x above a reference that follows x.
 
-    The reference is the mean μ and the standard deviation σ of x, with exponential weights from the
-    30th value on. z is cut off at 3, so a single value raises no alarm and barely moves the
+    The reference is the mean μ and the standard deviation σ of x. The first 30 values, in which
+    an agent learns or relearns, are passed over; the next 30 make a reference; then the weights are
+    exponential. z is cut off at 3, so a single value raises no alarm and barely moves the
     reference. Falls are not cut off, so the reference follows an agent that learns.
 
     >>> chart = Chart(level=5.0)
-    >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(41)]
-    >>> [chart.update(x=9.0, at=k) for k in range(41, 44)]      # the change came at step 41
-    [None, None, 41]
+    >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(71)]
+    >>> [chart.update(x=9.0, at=k) for k in range(71, 74)]      # the change came at step 71
+    [None, None, 71]
     """
 
     def __init__(self, level, slack=0.5):
@@ -123,7 +124,7 @@ class Detector:
         return of nan (an older stage's) is not either.
         """
         if self.symptom == "return":
-            return self.chart.update(-total, start) if total == total else None
+            return None if isnan(total) else self.chart.update(-total, start)
         error = td_error
         if self.symptom == "model":
             first = max(start, replay.added - replay.capacity)

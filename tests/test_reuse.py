@@ -1,5 +1,7 @@
 """What an agent keeps at a drift (data, network, Adam, stages), and how stages compete."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import SMALL, agent_of, drifts_at, feed, state_bytes, states
@@ -7,7 +9,7 @@ from helpers import SMALL, agent_of, drifts_at, feed, state_bytes, states
 from gbdqn_ref import checkpoint
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.boosting import Ensemble
-from gbdqn_ref.detect import SLACK
+from gbdqn_ref.detect import REFERENCE, SLACK, Detector
 from gbdqn_ref.nn import MLP
 from gbdqn_ref.reuse import PATIENCE, SHELF, TURNS, WINDOW
 from gbdqn_ref.train import Config, make_agent, run
@@ -264,8 +266,10 @@ def test_the_shelf_holds_only_the_last_stages():
     assert agent.shelf.tolist() == [2, 3, 4] and len(agent.ensemble) == 5
 
 
-def test_what_a_stage_plays_is_not_charted():
-    """Several policies play, so these returns say nothing about the physics."""
+def test_the_return_of_a_stage_is_not_charted():
+    """Several policies play, so these returns say nothing about the physics; a model's error does,
+    and so does |δ|, whoever plays.
+    """
     agent = trained(2)
     feed(agent, 10)
     agent.on_drift("drift")
@@ -273,7 +277,15 @@ def test_what_a_stage_plays_is_not_charted():
     agent.detector.update = lambda replay, start, total, td_error: charted.append(total)
     for total in (1.0, 2.0, 3.0, 14.0, 5.0, 16.0, 7.0):  # three trials, then base and learner
         play(agent, total)
-    assert charted == [5.0, 7.0] and agent.recent.tolist() == charted
+    np.testing.assert_array_equal(charted, [np.nan] * 4 + [5.0, np.nan, 7.0])
+    assert agent.recent.tolist() == [5.0, 7.0]
+    detector = Detector("return", 1.0, None)
+    detector.update(agent.replay, 0, np.nan, 0.5)
+    assert detector.chart.n == -REFERENCE
+    model = SimpleNamespace(update=lambda replay, index: 0.5)
+    detector = Detector("model", 1.0, model)
+    detector.update(agent.replay, 0, np.nan, np.nan)
+    assert detector.chart.n == 1 - REFERENCE
 
 
 def on_probation(agent="gbdqn-reuse"):
