@@ -342,9 +342,9 @@ for agent, _ in froze:
     assert gap < 0.01
 
 # %% [markdown]
-# To try it, run the next cell in Jupyter: the rooms after some perfect boosters.
+# Try it (in Jupyter, run the next cell): the rooms after some perfect boosters.
 
-# %% tags=["slider"]
+# %% tags=["slider", "live:rooms"]
 from ipywidgets import interact
 
 

@@ -385,7 +385,7 @@ show(
 # \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of what was to be had. At twice the best α
 # the loss is what it was without the booster. Move α:
 
-# %% tags=["slider"]
+# %% tags=["slider", "live:parabola"]
 from ipywidgets import FloatSlider, interact
 
 _ = interact(

@@ -90,7 +90,7 @@ show(
 # Try other settings: `mix` is β, the weight of the error; `rate` is α, how fast recency
 # fades.
 
-# %% tags=["slider"]
+# %% tags=["slider", "live:replay"]
 from ipywidgets import FloatLogSlider, FloatSlider, interact
 
 _ = interact(

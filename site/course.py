@@ -31,16 +31,23 @@ def pages():
 
 
 def notebook(stem, content):
-    """A notebook as MyST-NB reads it."""
+    """A notebook as MyST-NB reads it; a live figure stands in the place of its slider."""
     source, page = f"notebooks/{stem}.ipynb", f"course/{stem}.ipynb"
-    for cell in content["cells"]:
-        if cell["cell_type"] == "markdown":
+    for k, cell in enumerate(content["cells"]):
+        tags = cell["metadata"].get("tags", [])
+        if figure := [tag.removeprefix("live:") for tag in tags if tag.startswith("live:")]:
+            content["cells"][k] = markdown(cell["id"], f"```{{figure-live}} {figure[0]}\n```")
+        elif cell["cell_type"] == "markdown":
             cell["source"] = moved("".join(cell["source"]), source, page)
         else:
             prepare(cell, source, page)
-    offer = {"cell_type": "markdown", "id": "offer", "metadata": {}, "source": offered(stem, page)}
-    content["cells"].insert(1, offer)
+    content["cells"].insert(1, markdown("offer", offered(stem, page)))
     return json.dumps(content, ensure_ascii=False, indent=1)
+
+
+def markdown(name, text):
+    """A cell of text."""
+    return {"cell_type": "markdown", "id": name, "metadata": {}, "source": text}
 
 
 def prepare(cell, source, page):

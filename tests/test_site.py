@@ -313,6 +313,18 @@ def test_every_answer_is_folded():
         assert shown["below-input"] == tags["predicted"], stem
 
 
+def test_live_figures_stand_in_the_course_in_place_of_their_sliders():
+    found = []
+    for stem, listed in cells():
+        tags = [tag for cell in listed for tag in cell["metadata"].get("tags", [])]
+        figures = [tag.removeprefix("live:") for tag in tags if tag.startswith("live:")]
+        text = (HTML / f"course/{stem}.html").read_text(encoding="utf-8")
+        assert re.findall(r'data-figure="(\w+)"', text) == figures
+        assert text.count("Show the slider&#x27;s code") == tags.count("slider") - len(figures)
+        found += figures
+    assert found == ["rooms", "parabola", "replay"]
+
+
 def test_every_picture_has_its_words():
     for stem, found in cells():
         outputs = [output for cell in found for output in cell.get("outputs", ())]
