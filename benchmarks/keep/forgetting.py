@@ -1,0 +1,135 @@
+"""Local forgetting: stale data are dropped without a drift signal. Exploratory.
+
+    python benchmarks/keep/forgetting.py run --seeds 10 --jobs 2
+    python benchmarks/keep/forgetting.py table
+
+Of each neighbourhood of states, and of each action in it, only the newest transitions are drawn:
+where the agent goes, old physics are forgotten (the nearest form that fits here of Rahimi-
+Kalahroudi et al. 2023, who learn what is near; here it is a cell of a grid). The agent is DQN with
+uniform draws; nothing tells it of a drift.
+
+Written before the run: this gains over DQN that keeps all of its data, drawn uniformly. It gains
+less than DQN that is told of the drifts and drops its data, since what is no longer visited stays,
+and no size of the neighbourhoods does well on both tasks.
+"""
+
+import argparse
+import json
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from protocol import primary
+
+from gbdqn_ref import drift, files, stats, train
+from gbdqn_ref.config import Config
+from gbdqn_ref.replay import UniformReplay
+
+RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep" / "forgetting"
+FIRST = 20  # the first seed
+BINS = {"acrobot": 4, "mountaincar": 16}  # cells along each coordinate of the state
+ARMS = {  # settings of DQN, and the transitions that are drawn of each cell and action
+    "dqn": ({}, None),
+    "uniform": (dict(replay="uniform"), None),
+    "local-5": (dict(replay="uniform"), 5),
+    "local-20": (dict(replay="uniform"), 20),
+    "local-80": (dict(replay="uniform"), 80),
+    "told": (dict(replay="uniform", keep_data=0.0), None),
+}
+
+
+class LocalReplay(UniformReplay):
+    """Draws uniformly among the newest `local` transitions of each cell and action."""
+
+    def __init__(self, capacity, space, bins, local):
+        super().__init__(capacity, len(space.low))
+        self.space, self.bins, self.local = space, bins, local
+        self.drawn = np.zeros(self.capacity, bool)
+        self.cells = {}  # (cell, action): its drawn slots, the oldest first
+
+    def cell(self, slot):
+        place = (self.s[slot] - self.space.low) / (self.space.high - self.space.low)
+        return *np.floor(self.bins * place).astype(int).tolist(), int(self.a[slot])
+
+    def add(self, s, a, r, s2, terminated):
+        slot = self.added % self.capacity
+        if self.drawn[slot]:  # the ring is full, and its oldest is the oldest of its cell
+            self.cells[self.cell(slot)].popleft()
+        super().add(s, a, r, s2, terminated)
+        slots = self.cells.setdefault(self.cell(slot), deque())
+        slots.append(slot)
+        self.drawn[slot] = True
+        if len(slots) > self.local:
+            self.drawn[slots.popleft()] = False
+        return slot
+
+    def sample(self, batch_size, rng):
+        index = rng.choice(np.flatnonzero(self.drawn), batch_size)
+        return self._batch(index, np.ones(batch_size, np.float32))
+
+
+def measure(env, arm, seed, **values):
+    """The mean return of one run after the first event, and the share of its ring that is drawn."""
+    settings, local = ARMS[arm]
+    config = Config.preset(env, "recurring", agent="dqn", seed=seed, **settings | values)
+    agent = train.make_agent(config)
+    if local is not None:
+        space = drift.make(env).observation_space
+        agent.replay = LocalReplay(agent.replay.capacity, space, BINS[env], local)
+    value = primary(list(train.run(config, agent)), config)
+    drawn = agent.replay.drawn.sum() if local is not None else len(agent.replay)
+    return {"value": round(value, 3), "drawn": int(drawn)}
+
+
+def run_one(job):
+    """Run an environment's arm with a seed, and write what is measured."""
+    out, env, arm, seed = job
+    path = out / f"{env}-{arm}-{seed}.json"
+    if not path.exists():
+        files.write_json(path, measure(env, arm, seed))
+
+
+def table(out):
+    """The lines of a Markdown table: the IQM of each arm's return, its paired difference to that of
+    uniform draws with its 95 % interval, and how many transitions are drawn, on each task.
+    """
+    lines = []
+    for arm in ARMS:
+        cells = []
+        for env in BINS:
+            ours, plain = stored(out, env, arm), stored(out, env, "uniform")
+            seeds = sorted(ours.keys() & plain.keys())
+            x, y = ([each[seed]["value"] for seed in seeds] for each in (ours, plain))
+            apart, low, high = stats.paired_difference(x, y, np.random.default_rng(0))
+            drawn = np.mean([each["drawn"] for each in ours.values()])
+            cells += [f"{stats.iqm(x):.1f}", f"{apart:+.1f} [{low:+.1f}, {high:+.1f}]"]
+            cells += [f"{drawn:,.0f}"]
+        lines.append(f"| {arm} | {' | '.join(cells)} |")
+    return lines
+
+
+def stored(out, env, arm):
+    """{seed: measures} of the runs that are stored."""
+    paths = out.glob(f"{env}-{arm}-[0-9]*.json")
+    return {int(path.stem.split("-")[-1]): json.loads(path.read_text()) for path in paths}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=["run", "table"])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    if args.what == "run":
+        args.out.mkdir(parents=True, exist_ok=True)
+        jobs = product([args.out], BINS, ARMS, range(FIRST, FIRST + args.seeds))
+        with ProcessPoolExecutor(args.jobs) as pool:
+            list(pool.map(run_one, jobs))
+    print("\n".join(table(args.out)))
+
+
+if __name__ == "__main__":
+    main()
