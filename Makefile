@@ -9,7 +9,8 @@ export HYPOTHESIS_PROFILE ?= ci
 .PHONY: train test site test-site bench notebooks mutants plant test-oldest clean
 
 train: .venv/train
-	$(BIN)/python -m gbdqn_ref compare --env cartpole --preset fast --out runs/cartpole
+	$(BIN)/python -m gbdqn_ref study --env acrobot-recurring --agents dqn,gbdqn,dqn-reuse,gbdqn-reuse \
+		--seeds 2 --jobs 2 --set episodes=350 --out runs/acrobot
 
 test: .venv/site
 	$(BIN)/ruff check .
