@@ -167,8 +167,8 @@ HARD = {"acrobot": ACROBOT | HARD_ACROBOT, "mountaincar": MOUNTAINCAR | HARD_MOU
 
 # What a detecting agent charts, and the level that gives at most one false alarm in twenty runs.
 DETECTOR: dict[str, dict[str, Any]] = {
-    "cartpole": dict(symptom="model", alarm_level=4.0),  # DQN forgets, so its return falls anyway
-    "mountaincar": dict(symptom="model", alarm_level=4.0),
+    "cartpole": dict(symptom="model", alarm_level=4.5),  # DQN forgets, so its return falls anyway
+    "mountaincar": dict(symptom="model", alarm_level=4.5),
     "acrobot": dict(symptom="return", alarm_level=10.0),
     "hopper": dict(symptom="return", alarm_level=10.0),  # not calibrated
 }

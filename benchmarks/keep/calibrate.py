@@ -22,7 +22,7 @@ import numpy as np
 from gbdqn_ref import detect, files, runs, stats, train
 from gbdqn_ref.config import Config
 
-LEVELS = (4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
+LEVELS = (4, 4.5, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 BLOCK, RUNS = 100, 400  # episodes in a block, bootstrapped runs
 WITHIN = 10  # episodes in which a drift must be found
 TARGET = 0.05  # false alarms per run
@@ -108,7 +108,7 @@ def levels(env, out):
         for level, rate in zip(LEVELS, rates, strict=True):
             own = np.mean([len(alarms(symptom, x, level)) for x in known])
             found = by_size(series, level, first, floor) if symptom == "return" else ""
-            print(f"{symptom:9} {level:3}  {rate:6.2f} {own:6.2f}  {found}")
+            print(f"{symptom:9} {level:4}  {rate:6.2f} {own:6.2f}  {found}")
         good = [level for level, rate in zip(LEVELS, rates, strict=True) if rate <= TARGET]
         print(f"{symptom}: {good[0] if good else 'no level'} meets {TARGET} per run")
 
