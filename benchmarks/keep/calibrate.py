@@ -156,7 +156,7 @@ def costly_drifts(config, evaluations):
     A run has an evaluation in every regime at the end of each; one that diverged has none.
     """
     floor, found = random_return(config.env), []
-    span = max(max(each) for each in evaluations) - floor if evaluations else 0.0
+    span = max(map(max, evaluations), default=floor) - floor
     for k, (regime, before) in enumerate(zip(config.regimes[1:], evaluations, strict=False)):
         now, coming = before[k : k + 2]
         if now - floor > span / 2 and coming - floor <= (now - floor) / 2:
