@@ -266,11 +266,19 @@ def test_predictions_are_scored_by_their_rule():
 
 
 def test_what_tuning_chose(tmp_path):
-    first = [[{"lr": 0.5, "epsilon_restart": 0.1}, -9.0], [{"lr": 2.0, "epsilon_restart": 0.3}, -8]]
-    chosen = {"lr": 0.002, "epsilon_restart": 0.3}
+    worse, better = ({"lr": f, "window": f, "epsilon_restart": f / 10} for f in (0.5, 2.0))
+    first, chosen = (
+        [[worse, -9.0], [better, -8]],
+        dict(lr=0.00212, window=4207, epsilon_restart=0.2),
+    )
     tried = {"twin": {"chosen": chosen, "first": first, "best": [[0, -7.0], [1, -6.0]]}}
     (tmp_path / "acrobot-tuned.json").write_text(json.dumps(tried), encoding="utf-8")
-    row = ["acrobot", "twin", "lr 0.002 (× 2.00), epsilon_restart 0.3", "-6.0"]
+    row = [
+        "acrobot",
+        "twin",
+        "lr 0.00212 (× 2.00), window 4207 (× 2.00), epsilon_restart 0.2",
+        "-6.0",
+    ]
     assert conclude.tuning(tmp_path)[1] == [row]
 
 

@@ -427,7 +427,10 @@ def tuning(results):
             k, mean = max(each["best"], key=lambda pair: pair[1])
             factors = {name: f" (× {f:.2f})" for name, f in each["first"][k][0].items()}
             factors["epsilon_restart"] = ""
-            chosen = [f"{name} {x:.3g}{factors[name]}" for name, x in each["chosen"].items()]
+            values = {
+                name: x if isinstance(x, int) else f"{x:.3g}" for name, x in each["chosen"].items()
+            }
+            chosen = [f"{name} {x}{factors[name]}" for name, x in values.items()]
             task = path.name.removesuffix("-tuned.json")
             table.append([task, method, ", ".join(chosen), f"{mean:.1f}"])
     return ["task", "method", "chosen", "mean return"], table
