@@ -14,7 +14,7 @@ greedy evaluation.
 import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -133,7 +133,8 @@ def found(folder):
         _, agent = runs.read_agent(path.parent)
         ends = [each["steps"] for each in records]
         raised = np.searchsorted(ends, agent.alarms).tolist()
-        costly = costly_drifts(config, records)
+        evaluations = [each["evaluation"] for each in records if each["evaluation"]]
+        costly = costly_drifts(config, evaluations)
         delays, _, _ = stats.match_alarms(raised, costly, WITHIN)
         starts = [regime.start for regime in config.regimes[1:]]
         _, _, false = stats.match_alarms(raised, starts, 5 * WITHIN)
@@ -148,19 +149,25 @@ def found(folder):
         )
 
 
-def costly_drifts(config, records):
+def costly_drifts(config, evaluations):
     """The episodes of the drifts that cost at least half of what the agent had learnt by then.
 
     Its greedy evaluation before the drift says so: of the current regime, and of the coming one.
+    A run has an evaluation in every regime at the end of each; one that diverged has none.
     """
-    floor = runs.random_return(config)
-    span = max(max(each["evaluation"], default=floor) for each in records) - floor
-    found = []
-    for k, regime in enumerate(config.regimes[1:]):
-        now, coming = records[regime.start - 1]["evaluation"][k : k + 2]
+    floor, found = random_return(config.env), []
+    span = max(map(max, evaluations), default=floor) - floor
+    for k, (regime, before) in enumerate(zip(config.regimes[1:], evaluations, strict=False)):
+        now, coming = before[k : k + 2]
         if now - floor > span / 2 and coming - floor <= (now - floor) / 2:
             found.append(regime.start)
     return found
+
+
+@cache
+def random_return(env):
+    """The random policy's return: nothing is learnt."""
+    return runs.random_return(Config(env=env))
 
 
 def main():

@@ -35,9 +35,8 @@ class Protocol:
         if len(set(ids)) < len(ids) or len(ids) > 8:
             raise UsageError(f"a protocol has at most eight hypotheses, each once, not {ids}")
         for hypothesis in self.hypotheses:
-            for task in hypothesis["tasks"]:
-                for arm in [hypothesis["arm"], *hypothesis["against"]]:
-                    self.check(task, arm)
+            for run in runs_of(hypothesis):
+                self.check(*run)
 
     def parts(self, task):
         """The parts of the study that a task is in."""
@@ -104,21 +103,30 @@ class Protocol:
         """{hypothesis: p} from the first n seeds of {(task, arm): returns (seeds,)}.
 
         A hypothesis on several tasks or against several arms asks for all of them at once, so that
-        its p is their largest (intersection-union).
+        its p is their largest (intersection-union). It is 1 while one of its arms has fewer seeds.
         """
+        generators = rng.spawn(len(self.hypotheses))  # so no p depends on which others are there
         return {
             each["id"]: max(
                 stats.sign_flip_test(
-                    results[task, each["arm"]][:n] - results[task, other][:n], rng, each["margin"]
+                    results[task, each["arm"]][:n] - results[task, other][:n],
+                    generator,
+                    each["margin"],
                 )
                 for task in each["tasks"]
                 for other in each["against"]
             )
-            for each in self.hypotheses
+            if all(len(results.get(run, ())) >= n for run in runs_of(each))
+            else 1.0
+            for each, generator in zip(self.hypotheses, generators, strict=True)
         }
 
     def decisions(self, results, rng):
-        """{hypothesis: the look (seeds) at which it was decided for, or None}."""
+        """{hypothesis: the look (seeds) at which it was decided for, or None}.
+
+        A hypothesis is not looked at before all its arms have the seeds, but Holm's correction
+        counts it from the start.
+        """
         looks = self.looks["seeds"]
         decided = dict.fromkeys(each["id"] for each in self.hypotheses)
         error = self.looks["error"] / len(looks)
@@ -129,6 +137,12 @@ class Protocol:
                 if adjusted <= error:
                     decided[id] = n
         return decided
+
+
+def runs_of(hypothesis):
+    """Every (task, arm) that a hypothesis speaks of."""
+    arms = [hypothesis["arm"], *hypothesis["against"]]
+    return [(task, arm) for task in hypothesis["tasks"] for arm in arms]
 
 
 def random_alarms(config):

@@ -1,0 +1,559 @@
+"""Draw the conclusions of the study from its stored rows: one page and one picture.
+
+    python benchmarks/keep/conclude.py
+
+Everything is computed from rows.jsonl, TASK.npz and TASK-tuned.json in --results, and written to
+README.md and keep.png beside them. Nothing is trained. A table has what is there, and the page says
+what is missing.
+"""
+
+import argparse
+import json
+import sys
+from functools import partial
+from itertools import pairwise, takewhile
+from math import comb
+from pathlib import Path
+
+import numpy as np
+from calibrate import TARGET, WITHIN, costly_drifts, random_return
+from matplotlib.figure import Figure
+from PIL import Image
+from protocol import FILE, Protocol, runs_of
+from study import EDGE, FINAL, RESULTS, WINDOW, Store, chosen
+
+from gbdqn_ref import UsageError, files, plots, stats
+from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.schedule import LABELS
+
+TEXT = Path(__file__).with_name("conclusions.md")
+REFERENCE = {  # part of the study: the arm that the others are compared with
+    "oracle": "dqn-drop",
+    "detected": "dqn-detected",
+    "random": "dqn-detected",
+    "null": "dqn-untold",
+    "held-out": "dqn-drop",
+}
+PARTS = {
+    "oracle": "told of the drifts",
+    "detected": "detecting the drifts",
+    "random": "alarms at random episodes",
+    "null": "nothing changes",
+    "held-out": "the held-out schedule",
+}
+HEARING = {  # an arm, and the same arm that is told, or gets its alarms at random
+    "dqn-detected": ("dqn-drop", "dqn-random"),
+    "twin": ("twin-told", None),
+    "twin-adam": ("twin-told-adam", None),
+    "reuse": ("reuse-told", "reuse-random"),
+}
+DATA = ("dqn-drop", "dqn")  # P1: what is changed, with and without
+NETWORK = [
+    ("plasticity", "dqn"),
+    ("twin-told", "dqn-drop"),
+    ("gb-drop", "dqn-drop"),
+    ("reuse-told", "dqn-drop"),
+]
+ADAM = [("dqn-drop-adam", "dqn-drop"), ("twin-told-adam", "twin-told")]
+FAR = 5 * WITHIN  # episodes after a drift in which its alarm may come
+FOUND, COSTS = 0.9, 5.0  # targets: share of costly drifts, percent of the span where none is
+COLOURS = 32  # of the picture, which so takes a quarter of the bytes
+DRAWN = {  # arm: its name in the picture, and its line
+    "dqn": ("DQN", "-"),
+    "gbdqn": ("GB-DQN (paper)", "-"),
+    "dqn-detected": ("DQN, data dropped", "--"),
+    "twin-adam": ("DQN-reuse", "-."),
+    "reuse": ("GB-DQN-reuse", "-."),
+}
+
+
+class Study:
+    """The rows of a study, {(task, arm): {seed: row}}, and the returns of its decisive arms."""
+
+    def __init__(self, store):
+        self.protocol, self.returns, self.rows = store.protocol, store.returns, {}
+        for (task, arm, seed), row in sorted(store.rows.items()):
+            self.rows.setdefault((task, arm), {})[seed] = row
+
+    def tasks(self, part):
+        """The tasks of a part of the study that have rows."""
+        return [task for task in self.protocol.tasks if self.arms(task, part)]
+
+    def arms(self, task, part=None):
+        """The arms of a task that have rows, of one part or of all."""
+        parts = {each for each in self.protocol.parts(task) if part in (each, None)}
+        return [
+            arm
+            for arm, content in self.protocol.arms.items()
+            if (task, arm) in self.rows and parts & set(content["parts"])
+        ]
+
+    def runs(self, *parts):
+        """Every (task, arm) of some parts of the study that has rows."""
+        return [(t, arm) for part in parts for t in self.tasks(part) for arm in self.arms(t, part)]
+
+    def config(self, task, arm):
+        """The Config of an arm's first run."""
+        return self.protocol.reported(task, arm, min(self.rows[task, arm]))
+
+    def values(self, task, *arms, of="value"):
+        """One number per seed that all arms have, (arms, seeds): a function of the row, or the
+        mean of what it has under a name.
+        """
+        measure = of if callable(of) else lambda row: np.mean(row[of])
+        rows = [self.rows.get((task, arm), {}) for arm in arms]
+        seeds = sorted(set.intersection(*map(set, rows)))
+        return np.array([[measure(each[seed]) for seed in seeds] for each in rows])
+
+    def difference(self, task, arm, other):
+        """Arm minus other on the same seeds."""
+        return np.subtract(*self.values(task, arm, other))
+
+    def curves(self, task, arm):
+        """{seed: returns (episodes,)} of a decisive arm; a diverged run counts as random."""
+        stored, found = self.returns.get(task, {}), {}
+        for seed, row in self.rows.get((task, arm), {}).items():
+            if f"{arm}-{seed}" in stored:
+                found[seed] = stored[f"{arm}-{seed}"].astype(float)
+            elif "diverged" in row and arm in self.protocol.content["decisive"]:
+                found[seed] = np.full(self.config(task, arm).episodes, row["value"])
+        return found
+
+
+def exact_interval(k, n, level=0.95):
+    """The exact interval of a share k / n (Clopper and Pearson 1934), by bisection.
+
+    >>> [round(end, 4) for end in exact_interval(1, 2)]  # 1 − √.975, √.975
+    [0.0126, 0.9874]
+    """
+
+    def solve(least, target):
+        """The p at which P(X ≥ least) reaches the target."""
+        low, high = 0.0, 1.0
+        for _ in range(60):
+            p = (low + high) / 2
+            tail = sum(comb(n, i) * p**i * (1 - p) ** (n - i) for i in range(least, n + 1))
+            low, high = (p, high) if tail < target else (low, p)
+        return low
+
+    beyond = (1 - level) / 2
+    return (solve(k, beyond) if k else 0.0), (solve(k + 1, 1 - beyond) if k < n else 1.0)
+
+
+def improvement(x, y):
+    """P(X > Y) over all pairs of runs, where a tie counts half (Agarwal et al. 2021).
+
+    >>> improvement([1, 2], [0, 2])
+    0.625
+    """
+    x, y = np.asarray(x)[:, None], np.asarray(y)
+    return float(np.mean((x > y) + 0.5 * (x == y)))
+
+
+def interval(x):
+    """The 95 % interval of the IQM."""
+    return stats.bootstrap_interval(x, np.random.default_rng(0))
+
+
+def words(x):
+    """IQM of differences and its interval; no interval of a single one."""
+    if not len(x):
+        return "–"
+    ends = " [{:+z.1f}, {:+z.1f}]".format(*interval(x)) if len(x) > 1 else ""
+    return f"{stats.iqm(x):+z.1f}{ends}"
+
+
+def mean_of(name, places):
+    """A function of a row: the mean of what it has under this name at these places."""
+    return lambda row: np.mean(np.take(row[name], places))
+
+
+def middle(x, form="z.1f"):
+    """The IQM in words."""
+    return format(stats.iqm(x), form) if len(x) else "–"
+
+
+# --- the tables: (header, rows) -------------------------------------------------------------------
+
+
+def completeness(study):
+    """How many runs of the first look are there, and how many are missing of which arm."""
+    low, n = study.protocol.seeds["report"][0], study.protocol.looks["seeds"][0]
+    table = []
+    for task in study.protocol.tasks:
+        wanted = study.protocol.arms_of(task)
+        rows = [study.rows.get((task, arm), {}) for arm in wanted]
+        there = [sum(seed < low + n for seed in each) for each in rows]
+        missing = [f"{arm} {n - k}" for arm, k in zip(wanted, there, strict=True) if k < n]
+        shown = ", ".join(missing) if any(there) else "all"
+        table.append([task, f"{sum(there)} of {n * len(wanted)} runs", shown])
+    return ["task", "there", "missing"], table
+
+
+def hypotheses(study):
+    """Effect against the strongest opponent, p at the last look reached, and the decision."""
+    protocol, table = study.protocol, []
+    low, looks = protocol.seeds["report"][0], protocol.looks["seeds"]
+    results = {}
+    for run, rows in study.rows.items():
+        seeds = takewhile(rows.__contains__, range(low, low + looks[-1]))
+        results[run] = np.array([rows[seed]["value"] for seed in seeds])
+    decided = protocol.decisions(results, np.random.default_rng(0))
+    rng = np.random.default_rng(0)  # once more the p of these decisions
+    p = {n: protocol.p_values(results, n, rng) for n in looks}
+    for each in protocol.hypotheses:
+        reached = min(len(results.get(run, ())) for run in runs_of(each))
+        look = max((n for n in looks if n <= reached), default=None)
+        effect, chance = "–", "–"
+        if look:
+            leads = [
+                (results[task, each["arm"]][:look] - results[task, other][:look], other, task)
+                for task in each["tasks"]
+                for other in each["against"]
+            ]
+            lead, other, task = min(leads, key=lambda lead: stats.iqm(lead[0]))
+            effect = f"{words(lead)} over {other}, {task}"
+            chance = f"{p[look][each['id']]:.4f}, {look} seeds"
+        decision = decided[each["id"]]
+        verdict = f"**holds**, at {decision} seeds" if decision else "open"
+        table.append([each["id"], each["says"], effect, each["margin"], chance, verdict])
+    return ["", "hypothesis", "effect", "margin", "p", "decision"], table
+
+
+def arms(study, task, part):
+    """Every arm of a task's part: levels, failures, first episodes, difference to the reference."""
+    table, reference = [], REFERENCE[part]
+    everyone = study.arms(task)
+    ends = {arm: study.values(task, arm, of="final")[0] for arm in everyone}
+    lowest = random_return(study.config(task, everyone[0]).env)
+    bar = (lowest + max(map(stats.iqm, ends.values()))) / 2
+    for arm in study.arms(task, part):
+        (value,), (first,) = study.values(task, arm), study.values(task, arm, of="first")
+        failed, n = int(np.sum(ends[arm] < bar)), len(value)
+        share = "{} of {} [{:.0%}, {:.0%}]".format(failed, n, *exact_interval(failed, n))
+        diverged = sum("diverged" in row for row in study.rows[task, arm].values())
+        levels = [middle(value), f"{value.mean():z.1f}", f"{value.min():z.1f}"]
+        apart = ["", ""]
+        if arm != reference and reference in everyone:
+            better = improvement(value, study.values(task, reference)[0])
+            apart = [words(study.difference(task, arm, reference)), f"{better:.2f}"]
+        failures = share + (f", {diverged} diverged" if diverged else "")
+        table.append([arm, *levels, failures, middle(first), middle(ends[arm]), *apart])
+    header = ["arm", "IQM", "mean", "worst", "failed", f"first {EDGE}", f"last {FINAL}"]
+    return [*header, f"minus {reference}", "better"], table
+
+
+def adaptation(study, task):
+    """What the drifts cost each arm, and how it comes back."""
+    table = []
+    for arm in study.arms(task):
+        config, rows = study.config(task, arm), study.rows[task, arm].values()
+        stock = [k for k, regime in enumerate(config.regimes[1:]) if not regime.drifted]
+        losses = [lost(x, config) for x in study.curves(task, arm).values()]
+        drop, area = np.array([each for each in losses if each]).reshape(-1, 2).T
+        back = stats.median_recovery([k for row in rows for k in row["recovery"]])
+        (first,) = study.values(task, arm, of="first")
+        again = study.values(task, arm, of=mean_of("first", stock))[0] if stock else []
+        every = [row["evaluation"] for row in rows if row["evaluation"]]
+        forgotten = middle([np.mean(stats.forgetting(each)) for each in every])
+        levels = [middle(drop, "z.0%"), middle(first), middle(area, "z.0%")]
+        recovered = "never" if back is None else f"{back:g}"
+        table.append([arm, *levels, recovered, middle(again), forgotten])
+    names = ["drop", f"first {EDGE}", "area lost", "recovered after", "back in stock", "forgotten"]
+    return ["arm", *names], table
+
+
+def lost(returns, config):
+    """(drop, area lost) of a run, means over its drifts; None if it had nothing to lose."""
+    records = [
+        {"episode": k, "regime": i, "event": regime.event, "return": returns[k]}
+        for i, regime in enumerate(config.regimes)
+        for k in range(regime.start, regime.end)
+    ]
+    table = stats.regime_table(records, random_return(config.env))
+    known = [(row["drop"], 1 - row["area"]) for row in table if row["area"] is not None]
+    return np.mean(known, axis=0).tolist() if known else None
+
+
+def hearing(study):
+    """What each detecting arm loses to the same arm that is told, and gains over random alarms."""
+    table = []
+    for task in study.tasks("detected"):
+        for arm, (told, chance) in HEARING.items():
+            gain = study.difference(task, arm, chance) if chance else []
+            table.append([task, arm, words(study.difference(task, arm, told)), words(gain)])
+    return ["task", "arm", "minus the same arm, told", "minus it with random alarms"], table
+
+
+def detection(study):
+    """What the alarms of each detecting arm found, and how many were false."""
+    table = []
+    for task, arm in study.runs("detected", "null"):
+        config, rows = study.config(task, arm), study.rows[task, arm].values()
+        if config.resolved().drift_signal != "detector":
+            continue
+        drifts = [b.start for a, b in pairwise(config.regimes) if a.factors != b.factors]
+        count, delays, false = 0, [], 0
+        for row in rows:
+            costly = costly_drifts(config, row["evaluation"]) if drifts else []
+            count += len(costly)
+            delays += stats.match_alarms(row["alarms"], costly, WITHIN)[0]
+            false += stats.match_alarms(row["alarms"], drifts, FAR)[2]
+        met = len(delays) >= FOUND * count if drifts else false <= TARGET * len(rows)
+        found = f"{len(delays)} of {count}" if drifts else "–"
+        median = f"{np.median(delays):g}" if delays else "–"
+        rate = f"{false / len(rows):.2f}"
+        table.append([task, arm, len(rows), found, median, rate, "met" if met else "missed"])
+    names = ["runs", "costly drifts found", "median delay", "false alarms per run", "target"]
+    return ["task", "arm", *names], table
+
+
+def nulls(study):
+    """What each arm gains or loses where nothing changes, in percent of the span of its task."""
+    table, reference = [], REFERENCE["null"]
+    for task, arm in study.runs("null"):
+        x = study.difference(task, arm, reference)
+        if arm != reference and len(x):
+            best = stats.iqm(study.values(task, reference, of="final")[0])
+            x = 100 * x / (best - random_return(study.config(task, reference).env))
+            small = interval(x)[0] > -COSTS
+            table.append([task, arm, len(x), words(x), "yes" if small else "no"])
+    return [
+        "task",
+        "arm",
+        "runs",
+        f"% of the span, minus {reference}",
+        f"within {COSTS:g} %",
+    ], table
+
+
+def per_step(study):
+    """The differences once more, at equal numbers of environment steps."""
+    table = []
+    for part in ("oracle", "detected", "held-out"):
+        for task, arm in study.runs(part):
+            ours, theirs = (study.curves(task, each) for each in (arm, REFERENCE[part]))
+            seeds = sorted(ours.keys() & theirs.keys())
+            if arm != REFERENCE[part] and seeds:
+                first = study.config(task, arm).regimes[1].start
+                x = [at_equal_steps(ours[seed][first:], theirs[seed][first:]) for seed in seeds]
+                steps = stats.iqm([np.abs(ours[seed][first:]).sum() for seed in seeds])
+                both = words(study.difference(task, arm, REFERENCE[part])), words(x)
+                table.append([task, arm, REFERENCE[part], f"{steps:,.0f}", *both])
+    return ["task", "arm", "minus", "steps", "at equal episodes", "at equal steps"], table
+
+
+def at_equal_steps(x, y):
+    """The mean return of x minus that of y, over as many steps as the shorter of the two took.
+
+    A step costs or earns 1 on the classic tasks, so that |return| is the number of steps, or one
+    less at Acrobot's goal.
+
+    >>> at_equal_steps(np.array([-2.0, -2.0]), np.array([-1.0, -3.0, -9.0]))
+    0.0
+    """
+    steps = [np.abs(each).cumsum() for each in (x, y)]
+    budget = min(each[-1] for each in steps)
+    ends = [np.searchsorted(each, budget, "right") for each in steps]
+    return float(np.mean(x[: ends[0]]) - np.mean(y[: ends[1]]))
+
+
+def predictions(study):
+    """The predictions of mechanism: each says that one figure is larger than another."""
+    table, enough = [], study.protocol.looks["seeds"][0]
+    for task in study.tasks("oracle") if "predictions" in study.protocol.content else ():
+        for id, larger, smaller, x, y in contrasts(study, task):
+            low, high = interval(x - y)
+            known = len(x) >= enough and not low <= 0 <= high
+            verdict = ("holds" if low > 0 else "fails") if known else "open"
+            both = [f"{name}: {words(z)}" for name, z in ((larger, x), (smaller, y))]
+            table.append([id, task, *both, words(x - y), verdict])
+    return ["", "task", "said to be larger", "than", "difference", "verdict"], table
+
+
+def contrasts(study, task):
+    """(prediction, what is said to be larger, than what, both per seed) of a task."""
+    pairs = [DATA, *NETWORK, *ADAM]
+    names = sorted({arm for pair in pairs for arm in pair})
+    values = dict(zip(names, study.values(task, *names), strict=True))
+    gain = {pair: values[pair[0]] - values[pair[1]] for pair in pairs}
+    if len(gain[DATA]):
+        best = [max(group, key=lambda pair: stats.iqm(gain[pair])) for group in (NETWORK, ADAM)]
+        for larger, smaller in pairwise((DATA, *best)):
+            yield "P1", " − ".join(larger), " − ".join(smaller), gain[larger], gain[smaller]
+    if (task, "reuse") in study.rows:
+        lengths = [r.end - r.start for r in study.config(task, "reuse").regimes[1:]]
+        back, calm = (
+            study.values(task, "reuse", of=partial(episodes, name, lengths))[0]
+            for name in ("recovery", "calm")
+        )
+        yield "P2", "reuse, episodes until the return is back", "until |δ| is back", back, calm
+    arms = "reuse-told", "dqn-drop"
+    if len(study.difference(task, *arms)):
+        factors = [regime.factors for regime in study.config(task, "dqn-drop").regimes]
+        again = np.array([each in factors[:k] for k, each in enumerate(factors)])
+        later, first = (
+            np.subtract(*study.values(task, *arms, of=mean_of("regimes", visits)))
+            for visits in (np.flatnonzero(again), np.flatnonzero(~again)[1:])
+        )
+        yield "P3", " − ".join(arms) + " in later visits", "in first ones", later, first
+
+
+def episodes(name, lengths, row):
+    """The mean of a row's recoveries; one that never comes counts as the regime's length."""
+    pairs = zip(row[name], lengths, strict=True)
+    return np.mean([length if k is None else k for k, length in pairs])
+
+
+def verdicts(study):
+    """A line per prediction: it holds if all its rows do, on every task, and fails if one does."""
+    _, rows = predictions(study)
+    tasks = {task for task, each in study.protocol.tasks.items() if "oracle" in each["parts"]}
+    lines = []
+    for each in study.protocol.content.get("predictions", []):
+        marks = {row[-1] for row in rows if row[0] == each["id"]}
+        everywhere = {row[1] for row in rows if row[0] == each["id"]} == tasks
+        holds = marks == {"holds"} and everywhere
+        verdict = "fails" if "fails" in marks else "holds" if holds else "open"
+        lines.append(f"- {each['id']} **{verdict}**: {each['says']}.")
+    return "\n".join(lines)
+
+
+def tuning(results):
+    """What was chosen for each method and task, as value and factor on the preset's own."""
+    table = []
+    for path in sorted(results.glob("*-tuned.json")):
+        for method, each in json.loads(path.read_text(encoding="utf-8")).items():
+            k, mean = max(each["best"], key=lambda pair: pair[1])
+            factors = {name: f" (× {f:.2f})" for name, f in each["first"][k][0].items()}
+            factors["epsilon_restart"] = ""
+            values = {
+                name: x if isinstance(x, int) else f"{x:.3g}" for name, x in each["chosen"].items()
+            }
+            chosen = [f"{name} {x}{factors[name]}" for name, x in values.items()]
+            task = path.name.removesuffix("-tuned.json")
+            table.append([task, method, ", ".join(chosen), f"{mean:.1f}"])
+    return ["task", "method", "chosen", "mean return"], table
+
+
+# --- the page and the picture ---------------------------------------------------------------------
+
+TABLES = completeness, hypotheses, predictions, hearing, detection, nulls, per_step
+PICTURE = "![Learning curves of five arms, and the share of runs above each return](keep.png)\n\n"
+
+
+def page(study, results):
+    """The page: conclusions.md with its tables and figures filled in."""
+    protocol, looks = study.protocol, study.protocol.looks
+    parts = [(task, part) for task in protocol.tasks for part in protocol.tasks[task]["parts"]]
+    by_part = {
+        f"{task}: {PARTS[part]}": arms(study, task, part)
+        for task, part in parts
+        if study.arms(task, part)
+    }
+    by_task = {f"{task}, arm by arm": adaptation(study, task) for task in study.tasks("oracle")}
+    return TEXT.read_text(encoding="utf-8").format(
+        here=sys.modules[__name__],
+        picture=PICTURE if drawn(study) else "",
+        looks=", ".join(map(str, looks["seeds"])),
+        error=looks["error"] / len(looks["seeds"]),
+        verdicts=verdicts(study),
+        arms=sections(by_part),
+        adaptation=sections(by_task),
+        tuning=markdown(tuning(results)),
+        **{table.__name__: markdown(table(study)) for table in TABLES},
+    )
+
+
+def sections(tables):
+    """Each of {title: table} under its title."""
+    return "\n\n".join(f"### {title}\n\n{markdown(each)}" for title, each in tables.items())
+
+
+def markdown(table):
+    """A table in Markdown, or a dash if it has no rows."""
+    header, rows = table
+    lines = [header, ["---"] * len(header), *rows]
+    cells = [" | ".join(str(cell).replace("|", "\\|") for cell in line) for line in lines]
+    return "\n".join(f"| {line} |" for line in cells) if rows else "–"
+
+
+def drawn(study):
+    """{task: arms that can be drawn}."""
+    found = {
+        task: [arm for arm in DRAWN if study.curves(task, arm)] for task in study.tasks("oracle")
+    }
+    return {task: arms for task, arms in found.items() if arms}
+
+
+def picture(study):
+    """A row per task with drifts: learning curves, and the share of runs above each return."""
+    tasks = drawn(study)
+    with plots.plain():
+        figure = Figure((10.0, 2.8 * len(tasks)), layout="constrained")
+        panels = figure.subplots(len(tasks), 2, width_ratios=(4, 1), squeeze=False)
+        for task, (left, right) in zip(tasks, panels, strict=True):
+            arms = tasks[task]
+            config = study.config(task, arms[0])
+            for regime in config.regimes:
+                if regime.drifted:
+                    left.axvspan(regime.start, regime.end, **plots.SHADE)
+            ends = [curves(study, task, arm, left, right) for arm in arms]
+            low, high = left.get_ylim()
+            left.set(xlim=(0, config.episodes), ylim=(low, high), ylabel="return")
+            heights = plots.apart((np.array(ends) - low) / (high - low))
+            for arm, height in zip(arms, heights, strict=True):
+                place = {"transform": left.transAxes, "va": "center", "fontsize": 9}
+                left.text(1.01, height, DRAWN[arm][0], color=colour(study, arm), **place)
+            left.set_title(LABELS[config.env], loc="left", fontsize=11)
+            right.set_title("runs above", loc="left", fontsize=10)
+            right.set(ylim=(0, 1))
+            right.yaxis.set_major_formatter("{x:.0%}")
+            for axes in (left, right):
+                axes.spines[["top", "right"]].set_visible(False)
+        left.set_xlabel(f"episode (grey: drifted physics); means of the last {WINDOW}")
+        right.set_xlabel("mean return")
+    return figure
+
+
+def curves(study, task, arm, left, right):
+    """Draw an arm: every seed and their IQM, and its performance profile; the height of its end."""
+    look = {"color": colour(study, arm), "linestyle": DRAWN[arm][1]}
+    smooth = np.array([stats.trailing_mean(x, WINDOW) for x in study.curves(task, arm).values()])
+    thick = stats.iqm(smooth, axis=0)
+    episode = np.arange(WINDOW - 1, WINDOW - 1 + len(thick))
+    left.plot(episode, smooth.T, color=colour(study, arm), linewidth=0.4, alpha=0.12)
+    left.plot(episode, thick, **look, **plots.THICK)
+    values = np.sort(study.values(task, arm)[0])
+    above = 1 - np.arange(len(values) + 1) / len(values)
+    right.step([*values, values[-1]], above, where="pre", **look)
+    return thick[-1]
+
+
+def colour(study, arm):
+    """The colour of an arm's agent."""
+    return AGENTS[study.protocol.arms[arm]["agent"]].colour
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--protocol", type=Path, default=FILE)
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    args = parser.parse_args(arguments)
+    study = Study(Store(Protocol(args.protocol, chosen(args.results)), args.results))
+    text = page(study, args.results).encode()
+    files.write_atomically(args.results / "README.md", lambda file: file.write(text))
+    if drawn(study):
+        path = args.results / "keep.png"
+        plots.save(picture(study), path)
+        Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(
+            path, optimize=True
+        )
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except UsageError as e:
+        print(f"conclude.py: {e}", file=sys.stderr)
+        sys.exit(2)
