@@ -138,7 +138,10 @@ def test_the_glossary_is_in_alphabetical_order_and_complete():
 
 @every_notebook
 def test_a_prediction_is_asked_before_its_answer_is_seen(name):
-    """The answer is folded, or it is the output of a cell tagged predicted, which is hidden."""
+    """The answer is folded, or it is the output of a cell tagged predicted, which is hidden.
+
+    So is its code if it asserts the answer or has its picture's alt text.
+    """
     cells = NOTEBOOKS[name].cells
     asked = [k for k, cell in enumerate(cells) if "> **Predict" in cell.source]
     for k, end in pairwise([*asked, len(cells)]):
@@ -147,6 +150,10 @@ def test_a_prediction_is_asked_before_its_answer_is_seen(name):
     for cell in cells:
         if "predicted" in tags(cell):
             assert cell.metadata["jupyter"]["outputs_hidden"]
+            told = bool(re.search(r"\bassert\b|\balt=|\bshow\(", cell.source))
+            assert cell.metadata["jupyter"].get("source_hidden", False) == told
+        elif "checks" in tags(cell):
+            assert cell.metadata["jupyter"]["source_hidden"]
 
 
 # The pictures
