@@ -156,8 +156,8 @@ def minutes(notebook):
     """The reading time of a rendered notebook, in whole minutes.
 
     200 words or 15 lines of code a minute, and a minute for each displayed equation
-    and each picture. What is folded or printed does not count, but the code of an answer
-    does: it is there to be opened.
+    and each picture. What is folded or printed does not count. The code of an answer
+    does, since it is there to be opened.
     """
     words = lines = shown = 0
     for cell in notebook.cells:

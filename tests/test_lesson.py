@@ -235,6 +235,52 @@ def test_stubs_and_attempts_that_raise_are_answered(name):
         assert exercises.judge(exercise, nonsense) != "right."
 
 
+def in_place(name):
+    """A function for that exercise, right but for what it does to its first array."""
+
+    def boost(frozen, goal, alpha):
+        frozen += EXERCISES["boost"].solution(frozen, goal, alpha) - frozen
+        return frozen
+
+    def target(reward, terminated, q_next, gamma):
+        q_next.sort()
+        return reward if terminated else reward + gamma * q_next[-1]
+
+    def discounted(*arguments):
+        arguments[0].reverse()
+        return EXERCISES["discounted"].solution(arguments[0][::-1], arguments[1])
+
+    return locals()[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"), [("boost", "frozen"), ("target", "q_next"), ("discounted", "arguments")]
+)
+def test_an_attempt_that_changes_its_arguments_is_told_so(name, changed):
+    verdict = exercises.judge(EXERCISES[name], in_place(name))
+    assert verdict == f"the result is right, but `{changed}` has changed: work on a copy."
+
+
+def test_an_attempt_that_forgets_to_return_is_told_so():
+    def target(reward, terminated, q_next, gamma):
+        y = reward if terminated else reward + gamma * q_next.max()  # noqa: F841
+
+    class Boosted(EXERCISES["Boosted"].solution):
+        def q(self):
+            self.frozen + self.h
+
+    for attempt, it in ((target, "it"), (Boosted, "q()")):
+        verdict = exercises.judge(EXERCISES[attempt.__name__], attempt)
+        assert verdict == f"{it} returns None: return the result."
+
+
+def test_an_update_that_leaves_q_alone_is_not_taken_for_a_stub():
+    def update(Q, room, action, y, rate):
+        Q[room, action] + rate * (y - Q[room, action])
+
+    assert exercises.judge(EXERCISES["update"], update).startswith("Q itself does not change")
+
+
 @pytest.mark.parametrize("name", WRITTEN)
 def test_a_page_has_exercises_and_each_exists(name):
     text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
