@@ -17,8 +17,8 @@ from lesson import (
     LEFT,
     RIGHT,
     ROOMS,
+    correct_rooms,
     corridor,
-    right_rooms,
     show,
     source,
     step,
@@ -136,14 +136,14 @@ def live_through(seed, freeze, live=True):
     """Learn goal 9, then goal 0: the agent, and how many rooms are right when."""
     agent, rng, lived, found = Boosted(), np.random.default_rng(seed), 0, []
     train(agent, 9, 300, rng)
-    assert right_rooms(agent.q(), 9) == 9
+    assert correct_rooms(agent.q(), 9) == 9
     if freeze:
         agent.drift()
     agent.live = live
     for episodes in EPISODES:
         train(agent, 0, episodes - lived, rng)
         lived = episodes
-        found.append(right_rooms(agent.q(), 0))
+        found.append(correct_rooms(agent.q(), 0))
     return agent, np.array(found)
 
 
@@ -284,10 +284,10 @@ assert np.allclose(boost(Q, 0, 0.1), Q + 0.1 * world.residual(Q))
 def stages(alpha, gamma=GAMMA):
     """How many rooms are right after 0, 1, 2, … perfect boosters, until all are."""
     Q, world = corridor(9, gamma).q_star(), corridor(0, gamma)
-    Q[0], found = 0, [right_rooms(Q, 0)]
+    Q[0], found = 0, [correct_rooms(Q, 0)]
     while found[-1] < 9:
         Q = Q + alpha * world.residual(Q)
-        found.append(right_rooms(Q, 0))
+        found.append(correct_rooms(Q, 0))
     return found
 
 
@@ -353,7 +353,7 @@ def look(boosters=0, alpha=1.0):
     Q = corridor(9).q_star()
     for _ in range(boosters):
         Q = boost(Q, 0, alpha)
-    title = f"{boosters} boosters: {right_rooms(Q, 0)} of 9 rooms are right"
+    title = f"{boosters} boosters: {correct_rooms(Q, 0)} of 9 rooms are right"
     show(pictures.after(Q, 0, title), alt=title)
 
 
