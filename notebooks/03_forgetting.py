@@ -19,8 +19,8 @@ from lesson import (
     LEFT,
     RIGHT,
     ROOMS,
+    correct_rooms,
     corridor,
-    right_rooms,
     show,
     step,
 )
@@ -134,7 +134,7 @@ def trained(seed):
     agent, world = BoostedNetwork(seed), transitions(9)
     for _ in range(UPDATES):
         agent.learn(world)
-    assert right_rooms(agent.q(), 9) == 9
+    assert correct_rooms(agent.q(), 9) == 9
     return agent
 
 
@@ -266,7 +266,7 @@ def two_drifts(agent, name, updates=600):
     for goal in (0, 9):
         if name == "freeze":
             agent.drift()
-            assert right_rooms(agent.frozen, 9 - goal) == 9  # Q_1, and then Q_2
+            assert correct_rooms(agent.frozen, 9 - goal) == 9  # Q_1, and then Q_2
         elif name == "begin anew":
             agent.begin_anew()
         elif name == "go on, new Adam":
@@ -275,8 +275,8 @@ def two_drifts(agent, name, updates=600):
         for _ in range(updates):
             errors.append(np.abs(np.delete(agent.q() - q_star, goal, axis=0)).max())
             agent.learn(world)
-        assert right_rooms(agent.q(), goal) == 9
-        assert right_rooms(agent.q(), 9 - goal) == 0
+        assert correct_rooms(agent.q(), goal) == 9
+        assert correct_rooms(agent.q(), 9 - goal) == 0
     return np.reshape(errors, (2, updates))
 
 
@@ -326,9 +326,9 @@ agent = deepcopy(experts[0])
 agent.drift()
 for _ in range(600):
     agent.learn(transitions(0))
-print("right for goal 9, as it acts:", right_rooms(agent.q(), 9), "of 9 rooms")
-print("right for goal 9, in its Q_1:", right_rooms(agent.frozen, 9), "of 9 rooms")
-assert right_rooms(agent.q(), 9) == 0 and right_rooms(agent.frozen, 9) == 9
+print("right for goal 9, as it acts:", correct_rooms(agent.q(), 9), "of 9 rooms")
+print("right for goal 9, in its Q_1:", correct_rooms(agent.frozen, 9), "of 9 rooms")
+assert correct_rooms(agent.q(), 9) == 0 and correct_rooms(agent.frozen, 9) == 9
 size = np.abs(corridor(0).q_star() - corridor(9).q_star()).max()
 print(f"Q* changes by up to {size:.1f}; its largest entry is", end=" ")
 print(f"{np.abs(corridor(0).q_star()).max():.1f}")

@@ -83,10 +83,10 @@ def corridor(goal, gamma=GAMMA):
     return MDP(P, r, gamma)
 
 
-def right_rooms(Q, goal):
+def correct_rooms(Q, goal):
     """In how many of the nine other rooms the way to the goal has the larger Q.
 
-    >>> right_rooms(corridor(9).q_star(), 9), right_rooms(corridor(9).q_star(), 0)
+    >>> correct_rooms(corridor(9).q_star(), 9), correct_rooms(corridor(9).q_star(), 0)
     (9, 0)
     """
     rooms = np.delete(np.arange(ROOMS), goal)
@@ -156,12 +156,15 @@ def minutes(notebook):
     """The reading time of a rendered notebook, in whole minutes.
 
     200 words or 15 lines of code a minute, and a minute for each displayed equation
-    and each picture. What is folded or printed does not count.
+    and each picture. What is folded or printed does not count. The code of an answer
+    does, since it is there to be opened.
     """
     words = lines = shown = 0
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
             found = _reading(cell.source)
+        elif "checks" in cell.metadata.get("tags", []):
+            continue
         else:
             outputs = [output.get("data", {}) for output in cell.get("outputs", ())]
             listings = [_reading(data.get("text/markdown", "")) for data in outputs]

@@ -36,7 +36,12 @@ NOT_PROSE = re.compile(  # fenced code, code, equations, links, tags
     re.DOTALL,
 )
 # tag: JupyterLab's key
-HIDDEN = {"predicted": "outputs_hidden", "solution": "source_hidden"}
+HIDDEN = {
+    "predicted": "outputs_hidden",
+    "solution": "source_hidden",
+    "checks": "source_hidden",
+}
+TELLING = re.compile(r"\bassert\b|\bshow\(")  # code that says what will be seen
 PATH = """import sys
 
 sys.path.insert(0, "..")  # where lesson, exercises and pictures are
@@ -47,7 +52,8 @@ sys.path.insert(0, "..")  # where lesson, exercises and pictures are
 def read(path):
     """A source in percent format as a notebook without outputs.
 
-    Ids of claims and deviations become links. Tags hide what is to be guessed first.
+    Ids of claims and deviations become links. Tags hide what is to be guessed first:
+    the output, and the code too if it asserts the answer or describes its picture.
     """
     notebook = jupytext.read(path)
     notebook.metadata = {
@@ -63,9 +69,12 @@ def read(path):
         cell["id"] = f"cell-{k}"
         if cell.cell_type == "markdown":
             cell.source = linked(cell.source)
-        for tag in cell.metadata.get("tags", []):
-            if tag in HIDDEN:
-                cell.metadata["jupyter"] = {HIDDEN[tag]: True}
+        tags = cell.metadata.get("tags", [])
+        hidden = [HIDDEN[tag] for tag in tags if tag in HIDDEN]
+        if "predicted" in tags and TELLING.search(cell.source):
+            hidden.append("source_hidden")
+        if hidden:
+            cell.metadata["jupyter"] = dict.fromkeys(hidden, True)
     return notebook
 
 

@@ -11,7 +11,9 @@ FOLDED = {  # a cell's tag: MyST-NB's tag, and what the fold says
     "predicted": ("hide-output", "the answer"),
     "solution": ("hide-input", "the solution"),
     "slider": ("hide-input", "the slider's code"),
+    "checks": ("hide-input", "the checks of the answers above"),
 }
+WHOLLY = "hide-cell", "the answer and its code"  # where the code, too, gives it away
 
 
 def pages():
@@ -53,8 +55,10 @@ def markdown(name, text):
 def prepare(cell, source, page):
     """Fold a code cell by its tags, name its pictures, and move the links of its output."""
     tags, options = cell["metadata"].setdefault("tags", []), {}
-    for tag, (hidden, what) in FOLDED.items():
+    for tag, fold in FOLDED.items():
         if tag in tags:
+            told = tag == "predicted" and "source_hidden" in cell["metadata"]["jupyter"]
+            hidden, what = WHOLLY if told else fold
             tags.append(hidden)
             options |= {"code_prompt_show": f"Show {what}", "code_prompt_hide": f"Hide {what}"}
     for output in cell["outputs"]:

@@ -138,7 +138,10 @@ def test_the_glossary_is_in_alphabetical_order_and_complete():
 
 @every_notebook
 def test_a_prediction_is_asked_before_its_answer_is_seen(name):
-    """The answer is folded, or it is the output of a cell tagged predicted, which is hidden."""
+    """The answer is folded, or it is the output of a cell tagged predicted, which is hidden.
+
+    So is its code if it asserts the answer or has its picture's alt text.
+    """
     cells = NOTEBOOKS[name].cells
     asked = [k for k, cell in enumerate(cells) if "> **Predict" in cell.source]
     for k, end in pairwise([*asked, len(cells)]):
@@ -147,6 +150,10 @@ def test_a_prediction_is_asked_before_its_answer_is_seen(name):
     for cell in cells:
         if "predicted" in tags(cell):
             assert cell.metadata["jupyter"]["outputs_hidden"]
+            told = bool(re.search(r"\bassert\b|\balt=|\bshow\(", cell.source))
+            assert cell.metadata["jupyter"].get("source_hidden", False) == told
+        elif "checks" in tags(cell):
+            assert cell.metadata["jupyter"]["source_hidden"]
 
 
 # The pictures
@@ -226,6 +233,52 @@ def test_stubs_and_attempts_that_raise_are_answered(name):
     assert "raises ZeroDivisionError" in wrong
     for nonsense in ("no function", {}, lambda *_: "text", lambda *_: [[1], [2, 3]]):
         assert exercises.judge(exercise, nonsense) != "right."
+
+
+def in_place(name):
+    """A function for that exercise, right but for what it does to its first array."""
+
+    def boost(frozen, goal, alpha):
+        frozen += EXERCISES["boost"].solution(frozen, goal, alpha) - frozen
+        return frozen
+
+    def target(reward, terminated, q_next, gamma):
+        q_next.sort()
+        return reward if terminated else reward + gamma * q_next[-1]
+
+    def discounted(*arguments):
+        arguments[0].reverse()
+        return EXERCISES["discounted"].solution(arguments[0][::-1], arguments[1])
+
+    return locals()[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"), [("boost", "frozen"), ("target", "q_next"), ("discounted", "arguments")]
+)
+def test_an_attempt_that_changes_its_arguments_is_told_so(name, changed):
+    verdict = exercises.judge(EXERCISES[name], in_place(name))
+    assert verdict == f"the result is right, but `{changed}` has changed: work on a copy."
+
+
+def test_an_attempt_that_forgets_to_return_is_told_so():
+    def target(reward, terminated, q_next, gamma):
+        y = reward if terminated else reward + gamma * q_next.max()  # noqa: F841
+
+    class Boosted(EXERCISES["Boosted"].solution):
+        def q(self):
+            self.frozen + self.h
+
+    for attempt, it in ((target, "it"), (Boosted, "q()")):
+        verdict = exercises.judge(EXERCISES[attempt.__name__], attempt)
+        assert verdict == f"{it} returns None: return the result."
+
+
+def test_an_update_that_leaves_q_alone_is_not_taken_for_a_stub():
+    def update(Q, room, action, y, rate):
+        Q[room, action] + rate * (y - Q[room, action])
+
+    assert exercises.judge(EXERCISES["update"], update).startswith("Q itself does not change")
 
 
 @pytest.mark.parametrize("name", WRITTEN)

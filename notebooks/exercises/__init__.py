@@ -2,6 +2,7 @@
 tell them apart. A module here has those of one notebook, in its list EXERCISES.
 """
 
+import dis
 import importlib
 import inspect
 import pkgutil
@@ -28,8 +29,8 @@ class Exercise(NamedTuple):
     """One stub, its solution, and `mistakes`: {sentence that names it: function}.
 
     `cases` are tuples of arguments, from small to large. `run(attempt, *case)` gives
-    what is compared; None means that nothing is written yet. `say(name, *case)` names a
-    case.
+    what is compared. `say(name, *case)` names a case. Only with `in_place` may an
+    attempt change its arguments.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Exercise(NamedTuple):
     cases: list[tuple]
     run: Callable = call
     say: Callable = called
+    in_place: bool = False
 
 
 class Raised(NamedTuple):
@@ -69,10 +71,17 @@ def check(name, attempt):
 
 def judge(exercise, attempt):
     """The verdict on an attempt, in words."""
-    expected, found = outcomes(exercise, exercise.solution), outcomes(exercise, attempt)
+    expected, watched = outcomes(exercise, exercise.solution), Watched(attempt)
+    found = outcomes(exercise, watched)
     if all(each is None or each is ... for each in found):
+        if written(attempt):
+            it = "q()" if isinstance(attempt, type) else "it"  # the only class's
+            return f"{it} returns None: return the result."
         return f"not written yet. Hint: {exercise.hint}"
     wrong = [k for k in range(len(expected)) if not same(found[k], expected[k])]
+    if not wrong and watched.changed and not exercise.in_place:
+        name = watched.changed[0]
+        return f"the result is right, but `{name}` has changed: work on a copy."
     if not wrong:
         return "right."
     case = exercise.cases[wrong[0]]
@@ -85,6 +94,40 @@ def judge(exercise, attempt):
         if all(map(same, found, outcomes(exercise, mistake))):
             return f"{sentence} {example}"
     return f"not yet. {example}"
+
+
+class Watched:
+    """An attempt, and the names of the arguments that it has changed."""
+
+    def __init__(self, attempt):
+        self.attempt, self.changed = attempt, []
+
+    def __call__(self, *arguments):
+        before = deepcopy(arguments)
+        result = self.attempt(*arguments)
+        for k, (old, new) in enumerate(zip(before, arguments, strict=True)):
+            if isinstance(new, (np.ndarray, list)) and not same(old, new):
+                names = [*inspect.signature(self.attempt).parameters]
+                self.changed.append(names[min(k, len(names) - 1)])
+        return result
+
+
+def written(attempt):
+    """Whether a function, or a method of a class, does more than return a constant.
+
+    >>> written(lambda x: None), written(lambda x: print(x))
+    (False, True)
+    """
+    if isinstance(attempt, Watched):
+        return written(attempt.attempt)
+    if isinstance(attempt, type):
+        methods = {**vars(attempt), "__init__": None}.values()
+        return any(written(each) for each in methods if inspect.isfunction(each))
+    if not inspect.isfunction(attempt):
+        return attempt is not ...
+    idle = "RESUME", "NOP", "LOAD_CONST", "LOAD_COMMON", "RETURN"
+    done = {each.opname for each in dis.get_instructions(attempt)}
+    return not all(name.startswith(idle) for name in done)
 
 
 def outcomes(exercise, attempt):

@@ -51,6 +51,19 @@ class ErrorOfQ(Boosted):
         self.h[room, action] += rate * (y - self.q()[room, action])
 
 
+class ErrorOfQTwice(Boosted):
+    def learn(self, room, action, reward, room2, terminated, rate=0.5):
+        y = reward if terminated else reward + GAMMA * self.q()[room2].max()
+        residual = y - self.q()[room, action]
+        self.h[room, action] += rate * (residual - self.h[room, action])
+
+
+class WithoutH(Boosted):
+    def learn(self, room, action, reward, room2, terminated, rate=0.5):
+        y = reward if terminated else reward + GAMMA * self.q()[room2].max()
+        self.h[room, action] += rate * (y - self.frozen[room, action])
+
+
 class NoFrozen(Boosted):
     def learn(self, room, action, reward, room2, terminated, rate=0.5):
         y = reward if terminated else reward + GAMMA * self.q()[room2].max()
@@ -70,23 +83,15 @@ class LiveTarget(Boosted):
         super().learn(room, action, y, room2, True, rate)
 
 
-class RateTwice(Boosted):
-    def learn(self, room, action, reward, room2, terminated, rate=0.5):
-        super().learn(room, action, reward, room2, terminated, rate * rate)
-
-
-class NoRate(Boosted):
-    def learn(self, room, action, reward, room2, terminated, rate=0.5):
-        super().learn(room, action, reward, room2, terminated, 1)
-
-
 class AlwaysLive(Boosted):
     def q(self):
         return self.frozen + self.h
 
 
-class NeverLive(Boosted):
+class QInPlace(Boosted):
     def q(self):
+        if self.live:
+            self.frozen += self.h
         return self.frozen
 
 
@@ -103,11 +108,6 @@ class DriftForgetsH(Boosted):
 class DriftKeepsH(Boosted):
     def drift(self):
         self.frozen = self.frozen + self.h
-
-
-class DriftForgetsFrozen(Boosted):
-    def drift(self):
-        self.frozen, self.h = self.h, np.zeros((ROOMS, 2))
 
 
 def lived(attempt, *calls):
@@ -179,21 +179,35 @@ def in_place(frozen, goal, alpha):
     return Q
 
 
-def boosted(attempt, boosts, alpha, room, action):
-    """An entry of the old Q* after some boosts, with the goal in room 0."""
+def h_is_y(frozen, goal, alpha):
+    h = boost(frozen, goal, 1)
+    h[goal] = 0
+    return frozen + alpha * h
+
+
+def same_action(frozen, goal, alpha):
+    h = np.zeros((ROOMS, 2))
+    for room, action in np.ndindex(ROOMS, 2):
+        if room != goal:
+            room2, y, terminated = step(room, action, goal)
+            y += 0 if terminated else GAMMA * frozen[room2, action]
+            h[room, action] = y - frozen[room, action]
+    return frozen + alpha * h
+
+
+def boosted(attempt, boosts, goal, alpha, room, action):
+    """An entry of the old Q* after some boosts."""
     Q = corridor(9).q_star()
     for _ in range(boosts):
-        Q = attempt(Q, 0, alpha)
+        Q = attempt(Q, goal, alpha)
         if Q is None or Q is ...:
             return None
     return Q[room, action]
 
 
-def boosts_told(_, boosts, alpha, room, action):
-    entry = f"Q[{room}, {WAYS[action]}]"
-    return (
-        f"From the old Q*, {boosts} × boost with goal = 0, alpha = {alpha:g}: {entry}"
-    )
+def boosts_told(_, boosts, goal, alpha, room, action):
+    case = f"{boosts} × boost with goal = {goal}, alpha = {alpha:g}"
+    return f"From the old Q*, {case}: Q[{room}, {WAYS[action]}]"
 
 
 EXERCISES = [
@@ -205,26 +219,25 @@ EXERCISES = [
         {
             "q() is right; learn does nothing yet.": NoLearning,
             "q() and learn are right; drift does nothing yet.": NoDrift,
-            "No mask: where the episode ends, y is the reward.": NoMask,
+            "At the end, y is the reward alone.": NoMask,
             "γ is missing in the target.": NoGamma,
             "The residual is y − (frozen + h); it should be y − frozen.": (
                 ResidualOfTheSum
             ),
-            "The error is y − q(): if live is False, h is missing in it.": (ErrorOfQ),
+            "You subtract q(). When live is False that leaves h out. Subtract frozen "
+            "and h.": ErrorOfQ,
+            "The residual is y − q(), and h is subtracted again; it should be "
+            "y − frozen.": ErrorOfQTwice,
+            "h moves by rate · residual; subtract h from the residual first.": WithoutH,
             "h learns y itself; it should learn y − frozen.": NoFrozen,
             "The target is made from frozen; if live, it is made from frozen + h.": (
                 FrozenTarget
             ),
             "The target is made from frozen + h, also when live is False.": LiveTarget,
-            "The learning rate is applied twice.": RateTwice,
-            "The learning rate is not used.": NoRate,
             "q() adds h even when live is False.": AlwaysLive,
-            "q() leaves out h even when live is True.": NeverLive,
+            "q() changes frozen, at every call. Return a new table.": QInPlace,
             "drift forgets to add h: what was learnt is lost.": DriftForgetsH,
             "drift adds h but keeps it too: now h counts twice.": DriftKeepsH,
-            "drift puts h in the place of frozen: the older part is lost.": (
-                DriftForgetsFrozen
-            ),
         },
         [
             (END, Q_END),
@@ -250,27 +263,31 @@ EXERCISES = [
         "frozen[room2] in it; the goal's row of h is 0. Return frozen + alpha * h.",
         boost,
         {
-            "No mask: a step into the goal is worth its reward alone.": no_mask,
+            "A step into the goal is the end: there y is the reward alone.": no_mask,
             "The goal's own row changes; the episode is over there.": at_the_goal_too,
             "y is made from new values; it should be made from frozen only.": in_place,
-            "alpha is not used.": lambda frozen, goal, alpha: boost(frozen, goal, 1),
-            "alpha is applied twice.": (
-                lambda frozen, goal, alpha: boost(frozen, goal, alpha**2)
+            "h is y; it should be y − frozen.": h_is_y,
+            "In the next room the best action counts, not the same one.": same_action,
+            "The goal is written in as 0; use goal.": (
+                lambda frozen, goal, alpha: boost(frozen, 0, alpha)
             ),
+            "alpha is not used.": lambda frozen, goal, alpha: boost(frozen, goal, 1),
             "That is h alone; it must be added to frozen.": (
                 lambda frozen, goal, alpha: boost(frozen, goal, alpha) - frozen
             ),
         },
         [
-            (1, 1.0, 1, LEFT),
-            (1, 0.5, 1, LEFT),
-            (1, 1.0, 9, RIGHT),
-            (1, 1.0, 0, LEFT),
-            (1, 1.0, 0, RIGHT),
-            (2, 1.0, 1, LEFT),
-            (2, 1.0, 2, LEFT),
-            (2, 1.0, 1, RIGHT),
-            (1, 0.5, 2, LEFT),
+            (1, 0, 1.0, 1, LEFT),
+            (1, 0, 0.5, 1, LEFT),
+            (1, 0, 1.0, 9, RIGHT),
+            (1, 0, 1.0, 5, LEFT),
+            (1, 0, 1.0, 0, LEFT),
+            (1, 0, 1.0, 0, RIGHT),
+            (2, 0, 1.0, 1, LEFT),
+            (2, 0, 1.0, 2, LEFT),
+            (2, 0, 1.0, 1, RIGHT),
+            (1, 0, 0.5, 2, LEFT),
+            (1, 3, 1.0, 4, LEFT),
         ],
         boosted,
         boosts_told,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from . import Exercise
+from . import Exercise, written
 
 
 def discounted(rewards, gamma):
@@ -24,11 +24,11 @@ def update(Q, room, action, y, rate):
 
 
 def changed(attempt, Q, *rest):
-    """Q as an attempt leaves it; None if the attempt does nothing."""
+    """Q as an attempt leaves it; None if nothing is written."""
     before = Q.copy()
-    returned = attempt(Q, *rest)
+    attempt(Q, *rest)
     if (before == Q).all():
-        return None if returned is None or returned is ... else "Q as it was"
+        return "Q as it was" if written(attempt) else None
     return Q
 
 
@@ -56,6 +56,11 @@ def in_a_copy(Q, room, action, y, rate):
     return Q + rate
 
 
+def first_alone(rewards, gamma):
+    for k, reward in enumerate(rewards):
+        return gamma**k * reward
+
+
 TWO_ROOMS = np.array([[0.0, -1.0], [-2.0, -3.0]])
 EXERCISES = [
     Exercise(
@@ -76,6 +81,7 @@ EXERCISES = [
             "The order is reversed: the last reward counts in full.": (
                 lambda rewards, gamma: discounted(rewards[::-1], gamma)
             ),
+            "It returns inside the loop, after the first reward.": first_alone,
         },
         [([-1.0], 0.5), ([-1.0, -1.0], 0.5), ([1.0, 0.0, 4.0], 0.5), ([-1.0] * 3, 0.9)],
     ),
@@ -84,12 +90,18 @@ EXERCISES = [
         "after a terminal state nothing comes, so only the reward is left.",
         target,
         {
-            "The end is not masked: at a terminal state the target is the reward.": (
+            "At the end, y is the reward alone.": (
                 lambda r, end, q, gamma: r + gamma * max(q)
             ),
+            "At the end, y is the reward, not 0: the last step has its cost too.": (
+                lambda r, end, q, gamma: 0 if end else r + gamma * max(q)
+            ),
             "Gamma is missing.": lambda r, end, q, gamma: r + (0 if end else max(q)),
-            "Gamma multiplies the reward too.": (
-                lambda r, end, q, gamma: gamma * (r + (0 if end else max(q)))
+            "Gamma multiplies the reward too; the reward counts in full.": (
+                lambda r, end, q, gamma: r if end else gamma * (r + max(q))
+            ),
+            "A discount of 0.9 is written in; use gamma.": (
+                lambda r, end, q, gamma: r + (0 if end else 0.9 * max(q))
             ),
             "That is the mean over the next actions; the best one counts.": (
                 lambda r, end, q, gamma: r + (0 if end else gamma * np.mean(q))
@@ -125,5 +137,6 @@ EXERCISES = [
             (TWO_ROOMS, 1, 1, 1.0, 0.25),
         ],
         changed,
+        in_place=True,
     ),
 ]

@@ -31,13 +31,14 @@ def two_parts(frozen, h):
 
 
 def turning(episodes, on, frozen, letter):
-    """How many rooms are right after the drift, for three agents."""
+    """How many rooms are correct after the drift, for three agents."""
     figure, axis = plt.subplots(figsize=(7, 2.9))
     axis.plot(episodes, on, color=COLOUR["dqn"], linewidth=6, alpha=0.4, label="go on")
     axis.plot(episodes, frozen, color=COLOUR["gbdqn"], label="freeze")
     letter_line = dict(color=COLOUR["gbdqn"], linestyle="--")
     axis.plot(episodes, letter, **letter_line, label="freeze, to the letter")
-    axis.set(xlabel="episodes after the drift", ylabel="rooms that are right")
+    scale = "episodes after the drift (from 0 to 1 evenly, then by factors of 10)"
+    axis.set(xlabel=scale, ylabel="correct rooms")
     axis.set_xscale("symlog", linthresh=1)
     axis.set(ylim=(-0.3, 9.3), yticks=[0, 3, 6, 9], xlim=(0, None))
     axis.set(xticks=[0, 1, 10, 100], xticklabels=["0", "1", "10", "100"])
@@ -46,16 +47,14 @@ def turning(episodes, on, frozen, letter):
 
 
 def boosters(counts):
-    """How many rooms are right after each perfect booster: {label: counts}."""
+    """How many rooms are correct after each perfect booster: {label: counts}."""
     figure, axis = plt.subplots(figsize=(7, 2.9))
     for (label, found), line in zip(counts.items(), ("-", "--"), strict=True):
         last = len(found) - 1
         axis.step(range(last + 1), found, line, where="post", color=COLOUR["gbdqn"])
         axis.plot(last, found[-1], "o", color=COLOUR["gbdqn"])
         axis.text(last, 9.5, f"{last} at {label}", ha="center")
-    axis.set(
-        xlabel="perfect boosters, one for each drift", ylabel="rooms that are right"
-    )
+    axis.set(xlabel="perfect boosters, one for each drift", ylabel="correct rooms")
     axis.set(ylim=(-0.3, 10.5), yticks=[0, 3, 6, 9], xlim=(-1, 90))
     return figure
 
