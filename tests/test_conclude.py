@@ -15,6 +15,7 @@ from gbdqn_ref import stats
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import conclude
+import decide
 from protocol import Protocol, settings_hash
 from study import RESULTS, Store, chosen
 
@@ -59,7 +60,7 @@ def cells(table, *key):
 
 
 def test_the_examples_in_the_docstrings():
-    assert doctest.testmod(conclude) == (0, 3)
+    assert doctest.testmod(conclude) == (0, 3) and doctest.testmod(decide) == (0, 1)
 
 
 def test_exact_intervals_by_hand():
@@ -340,8 +341,57 @@ def test_a_study_without_rows_has_a_page_and_no_picture(tmp_path):
 def test_the_stored_page_is_what_the_program_writes():
     page, picture = RESULTS / "README.md", RESULTS / "keep.png"
     if not (RESULTS / "rows.jsonl").exists():
-        assert not page.exists() and not picture.exists()
+        assert not page.exists() and not picture.exists() and not decide.PAGE.exists()
         return
     study = conclude.Study(Store(Protocol(tuned=chosen(RESULTS)), RESULTS))
     assert page.read_text(encoding="utf-8") == conclude.page(study, RESULTS)
     assert picture.stat().st_size <= 300_000
+    assert decide.PAGE.read_text(encoding="utf-8") == decide.page(study)
+
+
+# --- the answer -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("told", "adam", "reuse", "answer"),
+    [
+        (-140, -145, -130, "Reuse gains, and boosting adds to it"),
+        (-140, -130, -130, "Reuse, not boosting, gains here"),
+        (-160, -150, -140, "Reuse gains with boosting only"),
+        (-151, -150, -150, "DQN that drops its data is all it takes"),
+        (-140, -145, -155, "Reuse, not boosting, gains here"),
+    ],
+)
+def test_the_answer_is_against_the_better_twin(told, adam, reuse, answer):
+    levels = {"dqn-drop": -150, "twin-told": told, "twin-told-adam": adam, "reuse-told": reuse}
+    arms = {arm: [run(value + k % 3) for k in range(9)] for arm, value in levels.items()}
+    for k, each in enumerate(arms["dqn-drop"]):
+        each["value"] += (-1) ** k * 0.5
+    found = decide.answer(study_of(arms))
+    assert found.startswith(f"- **MountainCar.** {answer}: stored networks bring ")
+    assert f"{reuse - max(told, adam):+.1f} [" in found.partition("on top ")[2]
+
+
+def test_an_environment_whose_runs_are_missing_has_no_answer():
+    assert decide.answer(study_of({"dqn-drop": level(-150)})) == "No run is complete yet."
+
+
+def test_each_choice_has_its_difference_and_its_command():
+    arms = {"dqn": level(-190), "dqn-drop": level(-150)}
+    header, rows = decide.table(study_of(arms))
+    assert header == [
+        "you know that",
+        "choice",
+        "",
+        "Acrobot",
+        "MountainCar",
+        "CartPole",
+        header[-1],
+    ]
+    assert rows[0][2:6] == ["dqn-drop − dqn", "–", "+40.0 [+40.0, +40.0]", "–"]
+    assert "--tasks acrobot,mountaincar,cartpole --arms dqn,dqn-drop " in rows[0][-1]
+    protocol = Protocol()
+    for row in rows:
+        tasks, arms = re.search(r"--tasks (\S+) --arms (\S+)", row[-1]).groups()
+        for task in tasks.split(","):
+            assert set(arms.split(",")) <= set(protocol.arms_of(task)), row

@@ -96,6 +96,10 @@ def test_from_tuning_to_rows(tmp_path, tiny, monkeypatch):
     factors = tried["dqn"]["first"][kept[int(best.argmax())]][0]
     assert tried["dqn"]["chosen"]["lr"] == pytest.approx(1e-3 * factors["lr"])
 
+    with pytest.raises(UsageError, match="there is no arm 'drops' in the protocol"):
+        tiny("report", "--tasks=mini", "--arms=drops", "--seeds=2")
+    tiny("report", "--tasks=mini", "--arms=drop", "--seeds=2")
+    assert {row["arm"] for row in stored(tmp_path)} == {"drop"}
     tiny("report", "--tasks=mini,mini-null", "--seeds=2")
     rows = stored(tmp_path)
     named = [(row["task"], row["arm"], row["seed"]) for row in rows]

@@ -540,7 +540,9 @@ def main(arguments=None):
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
-    study = Study(Store(Protocol(args.protocol, chosen(args.results)), args.results))
+    study = Study(
+        Store(Protocol(args.protocol, chosen(RESULTS) | chosen(args.results)), args.results)
+    )
     text = page(study, args.results).encode()
     files.write_atomically(args.results / "README.md", lambda file: file.write(text))
     if drawn(study):

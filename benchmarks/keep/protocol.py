@@ -67,9 +67,10 @@ class Protocol:
         """
         self.check(task, arm, seed)
         task_of_tuning = self.tasks[task].get("tuned_on", task)
-        if task_of_tuning not in self.tuned:
+        tuned, method = self.tuned.get(task_of_tuning, {}), self.method[arm]
+        if method not in tuned:
             raise UsageError(f"{task} is reported after {task_of_tuning} is tuned")
-        return self.config(task, arm, seed, **self.tuned[task_of_tuning][self.method[arm]])
+        return self.config(task, arm, seed, **tuned[method])
 
     def config(self, task, arm, seed, purpose="report", **tuned):
         """The Config of one run; `tuned` settings yield to those that define the arm."""

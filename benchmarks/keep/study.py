@@ -2,12 +2,14 @@
 
     python benchmarks/keep/study.py tune --tasks acrobot
     python benchmarks/keep/study.py report --tasks acrobot,acrobot-null --seeds 20 --jobs 2
+    python benchmarks/keep/study.py report --tasks acrobot --arms dqn,reuse --results runs/again
     python benchmarks/keep/study.py collect
 
 `tune` writes the settings it chooses, and all it tried, to TASK-tuned.json in --results. `report`
 trains the arms of its tasks with them. `collect` reads the complete runs in --out into --results:
 one row per run in rows.jsonl, and the returns of the decisive arms in TASK.npz. Both commands do so
-as they go on, and a run whose row is stored is not trained again, on whatever machine.
+as they go on, and a run whose row is stored is not trained again, on whatever machine. With other
+--results everything is run again, with the settings that are stored here.
 """
 
 import argparse
@@ -97,10 +99,11 @@ def diverged(config, error):
     return runs.random_return(config)
 
 
-def report(protocol, store, task, seeds, out, pool):
-    """Train every arm of a task on the first so many seeds to report, and store the rows."""
+def report(protocol, store, task, arms, seeds, out, pool):
+    """Train arms of a task on the first so many seeds to report, and store the rows."""
     low, _ = protocol.seeds["report"]
-    for arm in protocol.arms_of(task):
+    for arm in arms or protocol.arms_of(task):
+        protocol.check(task, arm)
         missing = [k for k in range(low, low + seeds) if (task, arm, k) not in store.rows]
         configs = {f"{arm}-{k}": protocol.reported(task, arm, k) for k in missing}
         if configs:
@@ -245,6 +248,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["tune", "report", "collect"])
     parser.add_argument("--tasks", default="acrobot,mountaincar,cartpole")
+    parser.add_argument("--arms", type=lambda text: text.split(","), help="default: all")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--dask", metavar="ADDRESS")
@@ -253,7 +257,7 @@ def main(arguments=None):
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
     args.results.mkdir(parents=True, exist_ok=True)
-    protocol = Protocol(args.protocol, chosen(args.results))
+    protocol = Protocol(args.protocol, chosen(RESULTS) | chosen(args.results))
     pool = {"jobs": args.jobs, "executor": executor(args.dask)}
     store = Store(protocol, args.results)
     if args.what == "collect":
@@ -262,7 +266,8 @@ def main(arguments=None):
         if args.what == "tune":
             tune(protocol, task, args.out / "tuning" / task, args.results, pool)
         else:
-            report(protocol, store, task, args.seeds, args.out / "reported", pool)
+            out = args.out / "reported"
+            report(protocol, store, task, args.arms, args.seeds, out, pool)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,107 @@
+"""Write the answer, docs/what_to_keep.md, from the stored rows and the words in decision.md.
+
+python benchmarks/keep/decide.py
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from conclude import Study, interval, markdown, words
+from protocol import FILE, Protocol
+from study import RESULTS, Store, chosen
+
+from gbdqn_ref import files, stats
+from gbdqn_ref.schedule import LABELS
+
+PAGE = Path(__file__).parents[2] / "docs" / "what_to_keep.md"
+TEXT = Path(__file__).with_name("decision.md")
+COMMAND = "python benchmarks/keep/study.py report --tasks {} --arms {} --results runs/again"
+TWINS = "twin-told", "twin-told-adam"  # Adam kept, or restarted
+SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which arm, part)
+    "the physics changed for good": [
+        ("keep the network, drop the data", "dqn-drop", "dqn", "oracle"),
+        ("restart Adam too", "dqn-drop-adam", "dqn-drop", "oracle"),
+        ("keep the data, freeze the network, add one", "plasticity", "dqn", "oracle"),
+        ("drop the data, freeze the network, add one", "gb-drop", "dqn-drop", "oracle"),
+    ],
+    "old physics may return": [
+        ("store the network at each change, too", "twin-told-adam", "dqn-drop", "oracle"),
+        ("store it, and add one", "reuse-told", "dqn-drop", "oracle"),
+    ],
+    "nothing changed, but you are told so": [
+        ("drop the data", "dqn-drop", "dqn-untold", "null"),
+    ],
+    "you cannot tell": [
+        ("detect, drop the data", "dqn-detected", "dqn-drop", "detected"),
+        ("detect, drop, store, add one", "reuse", "dqn-detected", "detected"),
+        ("the same, against one that is told", "reuse", "dqn-drop", "detected"),
+        ("the same, where nothing changes", "reuse", "dqn-untold", "null"),
+    ],
+}
+
+
+def table(study):
+    """(header, rows): what each choice brings on each environment, and the command that says so."""
+    envs = [task for task, each in study.protocol.tasks.items() if "oracle" in each["parts"]]
+    rows = []
+    for known, choices in SITUATIONS.items():
+        for what, arm, other, part in choices:
+            suffix = "-null" if part == "null" else ""
+            cells = [words(study.difference(env + suffix, arm, other)) for env in envs]
+            tasks = ",".join(env + suffix for env in envs)
+            again = f"`{COMMAND.format(tasks, f'{other},{arm}')}`"
+            rows.append([known, what, f"{arm} − {other}", *cells, again])
+            known = ""
+    return ["you know that", "choice", "", *map(LABELS.get, envs), "to run it again"], rows
+
+
+def answer(study):
+    """A line for each environment whose runs are complete: what gains there."""
+    lines = []
+    for env in study.tasks("oracle"):
+        gains = [study.difference(env, twin, "dqn-drop") for twin in TWINS]
+        leads = [study.difference(env, "reuse-told", twin) for twin in TWINS]
+        if all(map(len, gains + leads)):
+            better = int(np.argmax(stats.iqm(gains)))
+            lines.append(f"- **{LABELS[env]}.** {verdict(gains[better], leads[better])}")
+    return "\n".join(lines) or "No run is complete yet."
+
+
+def verdict(gain, lead):
+    """What the intervals say of the better twin's gain, and of boosting's lead over it.
+
+    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0))[:31]
+    'Reuse, not boosting, gains here'
+    """
+    gains, leads = interval(gain)[0] > 0, interval(lead)[0] > 0
+    first = {
+        (True, True): "Reuse gains, and boosting adds to it",
+        (True, False): "Reuse, not boosting, gains here",
+        (False, True): "Reuse gains with boosting only",
+        (False, False): "DQN that drops its data is all it takes",
+    }[gains, leads]
+    return (
+        f"{first}: stored networks bring {words(gain)} over DQN that drops its data, and a booster "
+        f"on top {words(lead)} over the better of two twins without one."
+    )
+
+
+def page(study):
+    """The page: decision.md with its table and sentences filled in."""
+    text = TEXT.read_text(encoding="utf-8")
+    return text.format(answer=answer(study), table=markdown(table(study)))
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--protocol", type=Path, default=FILE)
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--page", type=Path, default=PAGE)
+    args = parser.parse_args(arguments)
+    study = Study(Store(Protocol(args.protocol, chosen(args.results)), args.results))
+    files.write_atomically(args.page, lambda file: file.write(page(study).encode()))
+
+
+if __name__ == "__main__":
+    main()
