@@ -70,7 +70,7 @@ solution("elsewhere")
 #
 # Here is your class from notebook 2 once more. `h` is now a small network of the
 # position, from the package: `forward` computes it, `backward` gives the gradient, and
-# Adam makes the step (notebook 13 takes all three apart). There are only ten rooms, so
+# Adam makes the step (notebook 14 takes all three apart). There are only ten rooms, so
 # we keep the frozen network's answers as a table. A new $h$ begins as the zero function
 # (D11), so that a drift alone changes nothing.
 

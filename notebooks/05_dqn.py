@@ -160,7 +160,7 @@ source(DQN.learn)
 
 # %% [markdown]
 # Batch, target, error, gradient, Adam, target network; at last the replay is told the
-# TD errors. Adam and the network are in notebook 13, the replay in notebook 6.
+# TD errors. Adam and the network are in notebook 14, the replay in notebook 6.
 #
 # ## The target network
 #

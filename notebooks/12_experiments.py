@@ -511,4 +511,4 @@ assert high < 0
 # is impossible. Run again with controls, its replay helps in some places, and no help
 # of boosting is detected.
 #
-# [← 11](11_theorem_4.ipynb) · [contents](README.md) · [13 →](13_network.ipynb)
+# [← 11](11_theorem_4.ipynb) · [contents](README.md) · [13 →](13_what_to_keep.ipynb)

@@ -1,4 +1,4 @@
-"""The exercises of notebook 13: the network, its gradient and its optimiser."""
+"""The exercises of notebook 14: the network, its gradient and its optimiser."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The picture of notebook 13."""
+"""The picture of notebook 14."""
 
 import matplotlib.pyplot as plt
 

@@ -1,5 +1,5 @@
 # %% [markdown]
-# # 13 · The network by hand
+# # 14 · The network by hand
 #
 # After this appendix you can write the network, its gradient and its optimiser in
 # NumPy, and you can check each of them without trusting anyone.
@@ -462,4 +462,4 @@ assert max(constant[-1], falling[-1]) < 0.003
 # start this way. Adam moves each parameter by about its learning rate, whatever the
 # loss is multiplied by. The target network averages parameters, not functions.
 #
-# [← 12](12_experiments.ipynb) · [contents](README.md)
+# [← 13](13_what_to_keep.ipynb) · [contents](README.md)
