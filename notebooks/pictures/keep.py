@@ -14,7 +14,7 @@ LOOKS = {
 
 
 def there_and_back(arms, goals, episodes):
-    """Rooms that are right, {arm: means over seeds}, with a goal for each stretch."""
+    """Correct rooms, {arm: means over seeds}, with a goal for each stretch."""
     figure, axis = plt.subplots(figsize=(7.6, 3.5))
     for name, found in arms.items():
         colour, line = LOOKS[name]
@@ -23,7 +23,7 @@ def there_and_back(arms, goals, episodes):
         if k:
             axis.axvline(k * episodes, color="0.25", linewidth=0.8, linestyle="--")
         axis.text((k + 0.5) * episodes, 9.4, f"goal in room {goal}", ha="center")
-    axis.set(xlabel="episode", ylabel="rooms that are right", yticks=[0, 3, 6, 9])
+    axis.set(xlabel="episode", ylabel="correct rooms", yticks=[0, 3, 6, 9])
     axis.set(xlim=(0, len(goals) * episodes), ylim=(-0.3, 10.2))
     figure.legend(
         *axis.get_legend_handles_labels(), loc="outside lower center", ncols=4
