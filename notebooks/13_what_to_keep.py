@@ -199,7 +199,7 @@ show(
     ),
     alt="Correct rooms over 450 episodes; the goal is in room 9, 0 and 9 again. "
     "Keeping the data stays low for long after both drifts. Dropping them is back "
-    "within some thirty episodes, and with stored stages room 9 is found again at once.",
+    "within some thirty episodes, with stored stages room 9 is found again at once.",
 )
 
 # %% [markdown]
