@@ -347,6 +347,8 @@ def test_the_stored_page_is_what_the_program_writes():
     assert page.read_text(encoding="utf-8") == conclude.page(study, RESULTS)
     assert picture.stat().st_size <= 300_000
     assert decide.PAGE.read_text(encoding="utf-8") == decide.page(study)
+    readme = (decide.ROOT / "README.md").read_text(encoding="utf-8")
+    assert readme == decide.readme(study, readme)
 
 
 # --- the answer -----------------------------------------------------------------------------------
@@ -395,3 +397,15 @@ def test_each_choice_has_its_difference_and_its_command():
         tasks, arms = re.search(r"--tasks (\S+) --arms (\S+)", row[-1]).groups()
         for task in tasks.split(","):
             assert set(arms.split(",")) <= set(protocol.arms_of(task)), row
+
+
+def test_the_readme_has_the_level_of_each_agent():
+    arms = {arm: 9 * [run(-100.0 - 10 * k)] for k, arm in enumerate(decide.AGENTS)}
+    text = f"Above.\n{decide.BEFORE}old\n{decide.AFTER}\nBelow.\n"
+    found = decide.readme(study_of(arms), text)
+    row = "| GB-DQN, the paper's | the schedule | -120.0 [-120.0, -120.0] |"
+    assert row in found and "\nold\n" not in found
+    assert found.startswith("Above.") and found.endswith("Below.\n")
+    assert decide.readme(study_of(arms), found) == found
+    header, _ = decide.levels(study_of({"dqn": level(-100.0)}))
+    assert header == ["agent", "told of drifts by"], "a task that lacks an agent is left out"

@@ -1,4 +1,5 @@
-"""Write the answer, docs/what_to_keep.md, from the stored rows and the words in decision.md.
+"""Write the answer from the stored rows: docs/what_to_keep.md, whose words are in decision.md, and
+the README's table.
 
 python benchmarks/keep/decide.py
 """
@@ -14,10 +15,20 @@ from study import RESULTS, Store, chosen
 from gbdqn_ref import files, stats
 from gbdqn_ref.schedule import LABELS
 
-PAGE = Path(__file__).parents[2] / "docs" / "what_to_keep.md"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
 COMMAND = "python benchmarks/keep/study.py report --tasks {} --arms {} --results runs/again"
 TWINS = "twin-told", "twin-told-adam"  # Adam kept, or restarted
+BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
+AGENTS = {  # the README's: arm, what it is, who tells it of a drift
+    "dqn": ("DQN", "the schedule"),
+    "sliding": ("Sliding-window DQN", "nobody"),
+    "gbdqn": ("GB-DQN, the paper's", "the schedule"),
+    "dqn-detected": ("DQN that drops its old data", "itself"),
+    "twin-adam": ("DQN-reuse: it stores its networks, too", "itself"),
+    "reuse": ("GB-DQN-reuse: the same, with boosters", "itself"),
+}
 SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which arm, part)
     "the physics changed for good": [
         ("keep the network, drop the data", "dqn-drop", "dqn", "oracle"),
@@ -87,6 +98,23 @@ def verdict(gain, lead):
     )
 
 
+def levels(study):
+    """(header, rows): the README's table, a level and its interval for each agent and task."""
+    tasks = [task for task in study.tasks("oracle") if set(AGENTS) <= set(study.arms(task))]
+    rows = []
+    for arm, names in AGENTS.items():
+        found = [study.values(task, arm)[0] for task in tasks]
+        cells = ["{:.1f} [{:.1f}, {:.1f}]".format(stats.iqm(x), *interval(x)) for x in found]
+        rows.append([*names, *cells])
+    return ["agent", "told of drifts by", *(LABELS[task] for task in tasks)], rows
+
+
+def readme(study, text):
+    """The README with its table written anew."""
+    start, end = text.index(BEFORE) + len(BEFORE), text.index(AFTER)
+    return f"{text[:start]}\n{markdown(levels(study))}\n\n{text[end:]}"
+
+
 def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
@@ -98,9 +126,15 @@ def main(arguments=None):
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--page", type=Path, default=PAGE)
+    parser.add_argument("--readme", type=Path, default=ROOT / "README.md")
     args = parser.parse_args(arguments)
     study = Study(Store(Protocol(args.protocol, chosen(args.results)), args.results))
-    files.write_atomically(args.page, lambda file: file.write(page(study).encode()))
+    texts = {
+        args.page: page(study),
+        args.readme: readme(study, args.readme.read_text(encoding="utf-8")),
+    }
+    for path, text in texts.items():
+        files.write_atomically(path, lambda file, text=text: file.write(text.encode()))
 
 
 if __name__ == "__main__":
