@@ -11,6 +11,8 @@ SHOWN = {  # a file or folder of the repository: its page
     "README.md": "index.md",
     CHECKS: "ledger.md",
     "paper_checks/results/README.md": "results.md",
+    "paper_checks/results/keep/README.md": "keep.md",
+    "benchmarks/keep/README.md": "detectors.md",
     "notebooks/README.md": "course/index.md",
     "docs/what_to_keep.md": "what_to_keep.md",
     "docs/when_not.md": "when_not.md",

@@ -216,7 +216,8 @@ def hypotheses(study):
             chance = f"{p[look][each['id']]:.4f}, {look} seeds"
         decision = decided[each["id"]]
         verdict = f"**holds**, at {decision} seeds" if decision else "open"
-        table.append([each["id"], each["says"], effect, each["margin"], chance, verdict])
+        says = f"{', '.join(each['tasks'])}: {each['says']}"
+        table.append([each["id"], says, effect, each["margin"], chance, verdict])
     return ["", "hypothesis", "effect", "margin", "p", "decision"], table
 
 

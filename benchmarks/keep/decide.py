@@ -18,7 +18,7 @@ from gbdqn_ref.schedule import LABELS
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
-COMMAND = "python benchmarks/keep/study.py report --tasks {} --arms {} --results runs/again"
+AGAIN = "--tasks {} --arms {}"  # of study.py report
 TWINS = "twin-told", "twin-told-adam"  # Adam kept, or restarted
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
 AGENTS = {  # the README's: arm, what it is, who tells it of a drift
@@ -53,16 +53,15 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
 
 
 def table(study):
-    """(header, rows): what each choice brings on each environment, and the command that says so."""
+    """(header, rows): what each choice brings on each environment, and how to run it again."""
     envs = [task for task, each in study.protocol.tasks.items() if "oracle" in each["parts"]]
     rows = []
     for known, choices in SITUATIONS.items():
         for what, arm, other, part in choices:
             suffix = "-null" if part == "null" else ""
             cells = [words(study.difference(env + suffix, arm, other)) for env in envs]
-            tasks = ",".join(env + suffix for env in envs)
-            again = f"`{COMMAND.format(tasks, f'{other},{arm}')}`"
-            rows.append([known, what, f"{arm} − {other}", *cells, again])
+            again = AGAIN.format(f"TASK{suffix}", f"{other},{arm}")
+            rows.append([known, what, f"{arm} − {other}", *cells, f"`{again}`"])
             known = ""
     return ["you know that", "choice", "", *map(LABELS.get, envs), "to run it again"], rows
 
@@ -73,28 +72,31 @@ def answer(study):
     for env in study.tasks("oracle"):
         gains = [study.difference(env, twin, "dqn-drop") for twin in TWINS]
         leads = [study.difference(env, "reuse-told", twin) for twin in TWINS]
+        both = study.difference(env, "reuse-told", "dqn-drop")
         if all(map(len, gains + leads)):
-            better = int(np.argmax(stats.iqm(gains)))
-            lines.append(f"- **{LABELS[env]}.** {verdict(gains[better], leads[better])}")
+            k = int(np.argmax(stats.iqm(gains)))  # the better twin
+            lines.append(f"- **{LABELS[env]}.** {verdict(gains[k], leads[k], both)}")
     return "\n".join(lines) or "No run is complete yet."
 
 
-def verdict(gain, lead):
-    """What the intervals say of the better twin's gain, and of boosting's lead over it.
+def verdict(gain, lead, both):
+    """What the intervals say: of reuse's gain, boosting's lead over it, and the sum of the two.
 
-    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0))[:31]
+    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0), np.full(9, 4.0))[:31]
     'Reuse, not boosting, gains here'
     """
-    gains, leads = interval(gain)[0] > 0, interval(lead)[0] > 0
     first = {
         (True, True): "Reuse gains, and boosting adds to it",
         (True, False): "Reuse, not boosting, gains here",
         (False, True): "Reuse gains with boosting only",
-        (False, False): "DQN that drops its data is all it takes",
-    }[gains, leads]
+        (False, False): "Nothing is detected beyond DQN that drops its data",
+    }[interval(gain)[0] > 0, interval(lead)[0] > 0]
+    if first.startswith("Nothing") and interval(both)[0] > 0:
+        first = "Reuse with boosting gains; that it is boosting's gain is not shown"
     return (
-        f"{first}: stored networks bring {words(gain)} over DQN that drops its data, and a booster "
-        f"on top {words(lead)} over the better of two twins without one."
+        f"{first}. Over DQN that drops its data, stored networks bring {words(gain)}, with "
+        f"boosters on top {words(both)}; over the better of two twins without them, the boosters "
+        f"bring {words(lead)}."
     )
 
 
@@ -104,7 +106,10 @@ def levels(study):
     rows = []
     for arm, names in AGENTS.items():
         found = [study.values(task, arm)[0] for task in tasks]
-        cells = ["{:.1f} [{:.1f}, {:.1f}]".format(stats.iqm(x), *interval(x)) for x in found]
+        cells = [
+            "{:.1f} [{:.1f}, {:.1f}], {} runs".format(stats.iqm(x), *interval(x), len(x))
+            for x in found
+        ]
         rows.append([*names, *cells])
     return ["agent", "told of drifts by", *(LABELS[task] for task in tasks)], rows
 
