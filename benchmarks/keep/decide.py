@@ -27,6 +27,7 @@ AGENTS = {  # the README's: arm, what it is, who tells it of a drift
     "gbdqn": ("GB-DQN, the paper's", "the schedule"),
     "dqn-detected": ("DQN that drops its old data", "itself"),
     "twin-adam": ("DQN-reuse: it stores its networks, too", "itself"),
+    "twin": ("DQN-reuse, Adam kept", "itself"),
     "reuse": ("GB-DQN-reuse: the same, with boosters", "itself"),
 }
 SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which arm, part)
