@@ -193,6 +193,26 @@ def test_a_wrong_task_is_refused_in_one_line(tmp_path):
     assert "there is no task 'pong' in the protocol" in done.stderr
 
 
+@pytest.mark.parametrize("program", ["study.py", "conclude.py", "decide.py"])
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("rows.jsonl", b"{"),
+        ("rows.jsonl", b"{}"),
+        ("acrobot.npz", b"{"),
+        ("acrobot-tuned.json", b"{"),
+    ],
+)
+def test_a_damaged_file_is_named_in_one_line(tmp_path, program, name, content):
+    (tmp_path / name).write_bytes(content)
+    words = ["collect"] if program == "study.py" else []
+    command = [sys.executable, KEEP / program, *words, f"--results={tmp_path}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"{program}: ") and str(tmp_path / name) in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
 def test_the_fast_study_sees_the_largest_effects(tmp_path):
     """With two seeds: who keeps the data of other physics falls behind everyone who drops them."""
     folders = [f"--out={tmp_path / 'out'}", f"--results={tmp_path}"]

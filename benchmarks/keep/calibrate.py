@@ -24,7 +24,7 @@ from gbdqn_ref.config import Config
 
 LEVELS = (4, 4.5, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 BLOCK, RUNS = 100, 400  # episodes in a block, bootstrapped runs
-WITHIN = 10  # episodes in which a drift must be found
+WITHIN, FAR = 10, 50  # episodes in which a drift must be found, and after which an alarm is false
 TARGET = 0.05  # false alarms per run
 
 
@@ -91,7 +91,7 @@ def delay(series, level, at, size, floor):
 def levels(env, out):
     """Print the table of an environment, and the lowest level that meets the target."""
     config = Config.preset(env, "null")
-    first, floor = config.regimes[1].start, runs.random_return(config)
+    first, floor = config.regimes[1].start, random_return(env)
     recorded = [json.loads(path.read_text()) for path in sorted(out.glob(f"{env}-[0-9]*.json"))]
     print(f"\n{env}, {len(recorded)} runs; false alarms per run, bootstrapped and as recorded")
     events, episodes = len(config.regimes) - 1, config.episodes - first
@@ -137,7 +137,7 @@ def found(folder):
         costly = costly_drifts(config, evaluations)
         delays, _, _ = stats.match_alarms(raised, costly, WITHIN)
         starts = [regime.start for regime in config.regimes[1:]]
-        _, _, false = stats.match_alarms(raised, starts, 5 * WITHIN)
+        _, _, false = stats.match_alarms(raised, starts, FAR)
         counts.setdefault(config.agent, []).append((len(costly), len(delays), false, delays))
     for agent, rows in counts.items():
         costly, hits, false = (sum(row[i] for row in rows) for i in range(3))

@@ -8,7 +8,6 @@ what is missing.
 """
 
 import argparse
-import json
 import sys
 from functools import partial
 from itertools import pairwise, takewhile
@@ -16,13 +15,13 @@ from math import comb
 from pathlib import Path
 
 import numpy as np
-from calibrate import TARGET, WITHIN, costly_drifts, random_return
+from calibrate import FAR, TARGET, WITHIN, costly_drifts, random_return
 from matplotlib.figure import Figure
 from PIL import Image
-from protocol import FILE, Protocol, runs_of
+from protocol import FILE, Protocol, command, runs_of
 from study import EDGE, FINAL, RESULTS, WINDOW, Store, chosen
 
-from gbdqn_ref import UsageError, files, plots, stats
+from gbdqn_ref import files, plots, stats
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
 
@@ -55,7 +54,6 @@ NETWORK = [
     ("reuse-told", "dqn-drop"),
 ]
 ADAM = [("dqn-drop-adam", "dqn-drop"), ("twin-told-adam", "twin-told")]
-FAR = 5 * WITHIN  # episodes after a drift in which its alarm may come
 FOUND, COSTS = 0.9, 5.0  # targets: share of costly drifts, percent of the span where none is
 COLOURS = 32  # of the picture, which so takes a quarter of the bytes
 DRAWN = {  # arm: its name in the picture, and its line
@@ -424,7 +422,7 @@ def tuning(results):
     """What was chosen for each method and task, as value and factor on the preset's own."""
     table = []
     for path in sorted(results.glob("*-tuned.json")):
-        for method, each in json.loads(path.read_text(encoding="utf-8")).items():
+        for method, each in files.read_json(path).items():
             k, mean = max(each["best"], key=lambda pair: pair[1])
             factors = {name: f" (× {f:.2f})" for name, f in each["first"][k][0].items()}
             factors["epsilon_restart"] = ""
@@ -555,8 +553,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except UsageError as e:
-        print(f"conclude.py: {e}", file=sys.stderr)
-        sys.exit(2)
+    command(main)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from conclude import Study, interval, markdown, words
-from protocol import FILE, Protocol
+from protocol import FILE, Protocol, command
 from study import RESULTS, Store, chosen
 
 from gbdqn_ref import files, stats
@@ -144,4 +144,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -7,6 +7,7 @@ settings or by other code.
 
 import hashlib
 import json
+import sys
 import tomllib
 from pathlib import Path
 
@@ -138,6 +139,15 @@ class Protocol:
                 if adjusted <= error:
                     decided[id] = n
         return decided
+
+
+def command(main):
+    """Run a program; what it refuses is one line, and exit status 2."""
+    try:
+        main()
+    except UsageError as e:
+        print(f"{Path(sys.argv[0]).name}: {e}", file=sys.stderr)
+        sys.exit(2)
 
 
 def runs_of(hypothesis):

@@ -14,17 +14,17 @@ as they go on, and a run whose row is stored is not trained again, on whatever m
 
 import argparse
 import json
-import sys
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from protocol import FILE, Protocol, code_hash, primary, settings_hash
+from protocol import FILE, Protocol, code_hash, command, primary, settings_hash
 
-from gbdqn_ref import UsageError, files, runs, stats, study
+from gbdqn_ref import files, runs, stats, study
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
+NAMED = dict.fromkeys(["task", "arm", "code", "settings"], (str,)) | dict(seed=(int,))
 EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
 
 
@@ -55,7 +55,7 @@ def tuned(config, factors):
 def tune(protocol, task, out, results, pool):
     """Choose the settings of each method on a task; write them with all that was tried."""
     plan, path = protocol.content["tuning"], results / f"{task}-tuned.json"
-    tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    tried = files.read_json(path) if path.exists() else {}
     for method, content in plan["methods"].items():
         if method in tried:
             continue
@@ -120,14 +120,17 @@ class Store:
     def __init__(self, protocol, folder):
         self.protocol, self.folder = protocol, Path(folder)
         path = self.folder / "rows.jsonl"
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        rows = [json.loads(line) for line in lines]
+        with files.undamaged(path):
+            lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+            rows = [json.loads(line) for line in lines]
+            for row in rows:
+                files.check_shape(row, NAMED, "a row")
+            self.rows = {(row["task"], row["arm"], row["seed"]): row for row in rows}
         protocol.check_rows(rows)
-        self.rows = {(row["task"], row["arm"], row["seed"]): row for row in rows}
         self.returns = {}  # {task: {"ARM-SEED": returns}}
         for task in protocol.tasks:
-            if (self.folder / f"{task}.npz").exists():
-                with np.load(self.folder / f"{task}.npz", allow_pickle=False) as arrays:
+            if (path := self.folder / f"{task}.npz").exists():
+                with files.undamaged(path), np.load(path, allow_pickle=False) as arrays:
                     self.returns[task] = dict(arrays)
 
     def collect(self, out):
@@ -226,7 +229,7 @@ def diverged_row(config, error):
 def chosen(results):
     """{task: {method: settings}} of every task that is tuned."""
     paths = sorted(Path(results).glob("*-tuned.json"))
-    contents = {path: json.loads(path.read_text(encoding="utf-8")) for path in paths}
+    contents = {path: files.read_json(path) for path in paths}
     return {
         path.name.removesuffix("-tuned.json"): {
             method: each["chosen"] for method, each in content.items()
@@ -271,8 +274,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except UsageError as e:
-        print(f"study.py: {e}", file=sys.stderr)
-        sys.exit(2)
+    command(main)
