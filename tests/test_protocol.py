@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gbdqn_ref import UsageError, stats
+from gbdqn_ref.config import Config
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 from protocol import FILE, Protocol, primary, random_alarms, settings_hash
@@ -78,6 +79,17 @@ def test_a_run_is_reported_with_the_settings_that_tuning_chose(reporting):
     assert tuned.reported("mountaincar", "dqn-drop", 2000).lr == 0.004
     with pytest.raises(UsageError, match="made with other settings"):
         tuned.check_rows([row(reporting)])
+
+
+def test_an_arm_of_no_method_that_is_tuned_has_the_presets_settings():
+    """As all arms of the exploratory protocol on Hopper do, in which nothing is tested."""
+    hopper = Protocol(FILE.with_name("hopper.toml"))
+    assert not hopper.hypotheses and hopper.method == {}
+    for arm in hopper.arms:
+        config = hopper.reported("hopper", arm, 100)
+        assert config.lr == Config.preset("hopper", "recurring").lr
+    with pytest.raises(UsageError, match="100 to 109, not 2000"):
+        hopper.reported("hopper", "dqn", 2000)
 
 
 @pytest.mark.parametrize(("purpose", "seed"), [("tune", 999), ("tune", 1020), ("explore", 200)])

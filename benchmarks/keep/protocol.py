@@ -64,9 +64,12 @@ class Protocol:
     def reported(self, task, arm, seed):
         """The Config of a run to report, with the settings chosen for its method on its task.
 
-        A task without a drift, or with a held-out schedule, has the settings of its own task.
+        A task without a drift, or with a held-out schedule, has the settings of its own task. An
+        arm of no method that is tuned has the preset's.
         """
         self.check(task, arm, seed)
+        if arm not in self.method:
+            return self.config(task, arm, seed)
         task_of_tuning = self.tasks[task].get("tuned_on", task)
         tuned, method = self.tuned.get(task_of_tuning, {}), self.method[arm]
         if method not in tuned:
