@@ -6,14 +6,18 @@ import re
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from gbdqn_ref import stats
+
 FOLDER = Path(__file__).parent.parent / "site" / "figures"
 sys.path.insert(0, str(FOLDER))
 with plt.rc_context():  # the look of the lesson's pictures stays there
+    import curves
     import frames
     from pictures import instrument
 
@@ -22,6 +26,7 @@ CLOSE = dict(rtol=0, atol=1e-12)
 ALPHAS = [k / 10 for k in range(1, 11)]
 READINGS = list(itertools.product(("frozen", "live"), ("h", "alpha_h")))
 WIDTHS = {"phone": 390, "wide": 760}
+PAGES = *frames.FIGURES, "curves-three"
 every_figure = pytest.mark.parametrize("name", frames.FIGURES)
 every_width = pytest.mark.parametrize("width", WIDTHS.values(), ids=WIDTHS)
 
@@ -145,6 +150,85 @@ def test_the_answers_about_the_replay():
     assert len(set(stays)) == 1
 
 
+# The learning curves, whatever is stored
+
+
+@pytest.fixture(scope="module")
+def three_tasks():
+    """MountainCar's stored runs on all three tasks. On Acrobot DQN is missing, and reuse earns
+    most; on CartPole a twin is missing, and reuse earns least.
+    """
+    study, rows, returns = curves.stored(), {}, {}
+    tuned = dict.fromkeys(curves.LABELS, study.protocol.tuned["mountaincar"])
+    for task, missing in ("mountaincar", ""), ("acrobot", "dqn"), ("cartpole", "twin"):
+        returns[task] = {}
+        for arm in set(curves.ARMS) - {missing}:
+            for seed, row in study.rows["mountaincar", arm].items():
+                rows[task, arm, seed] = row
+                found = study.returns["mountaincar"][f"{arm}-{seed}"]
+                returns[task][f"{arm}-{seed}"] = found[: 600 if task == "cartpole" else None]
+    for task, arm, seed in rows:
+        if arm == "reuse" and task != "mountaincar":
+            value = dict(acrobot=-100.0, cartpole=-200.0)[task] + seed / 10_000
+            rows[task, arm, seed] = rows[task, arm, seed] | dict(value=value)
+    protocol = curves.Protocol(curves.FILE, tuned)
+    return curves.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
+
+
+def shown(study):
+    """What the text and the script of the learning curves need."""
+    text, frame, [(figure, alt)] = curves.figure(study)
+    plt.close(figure)
+    assert text["leads"] in alt and text["levels"] in alt
+    return text, frame
+
+
+def test_the_curves_are_the_means_of_the_stored_runs():
+    study = curves.stored()
+    for task, there in curves.arms(study).items():
+        for arm in there:
+            runs = list(study.curves(task, arm).values())
+            points = range(0, len(runs[0]) - curves.WINDOW + 1, curves.EVERY)
+            means = [[x[k : k + curves.WINDOW].mean() for x in runs] for k in points]
+            want = [(stats.iqm(x), *np.quantile(x, [0.25, 0.75])) for x in means]
+            got = np.cumsum(curves.steps(curves.curve(study, task, arm)), axis=1)
+            assert np.abs(got.T - want).max() <= 0.5 + 1e-9
+
+
+def test_the_data_of_three_tasks_are_small(three_tasks):
+    for study in (curves.stored(), three_tasks):
+        text = json.dumps(shown(study)[1], separators=(",", ":"))
+        assert len(text.encode()) < 30 * KILOBYTE
+
+
+def test_the_curves_claim_is_made_from_the_runs(three_tasks):
+    text, _ = shown(three_tasks)
+    leads, levels = text["leads"], text["levels"].split(". ")
+    assert leads.startswith("GB-DQN-reuse on Acrobot and MountainCar; ")
+    assert leads.endswith(" on CartPole") and "reuse" not in leads.split("; ")[1]
+    assert [each.split(":")[0] for each in levels] == ["Acrobot", "MountainCar", "CartPole"]
+    assert " DQN −" not in levels[0] and " DQN −" in levels[1]
+    assert levels[0].startswith("Acrobot: GB-DQN-reuse −99.8 (")
+
+
+def test_the_curves_answer_is_made_from_the_runs(three_tasks):
+    _, frame = shown(three_tasks)
+    answers = {task: each["answer"] for task, each in frame["tasks"].items()}
+    assert answers["acrobot"]["right"] == "with" and "the better twin" in answers["acrobot"]["why"]
+    assert answers["cartpole"]["right"] == "without"
+    assert "over DQN-reuse. The boosters cost something." in answers["cartpole"]["why"]
+    twins = [three_tasks.difference("mountaincar", "reuse", arm) for arm in curves.TWINS]
+    low, high = curves.interval(min(twins, key=stats.iqm))
+    says = dict(undecided=low <= 0 <= high)
+    says["with"], says["without"] = low > 0, high < 0
+    assert says[answers["mountaincar"]["right"]]
+
+
+def test_a_task_can_be_chosen_if_there_are_several(three_tasks):
+    assert shown(three_tasks)[0]["chooser"].count("radio") == 3
+    assert curves.chooser(["acrobot"]) == ""
+
+
 # In a browser
 
 
@@ -165,10 +249,13 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def site(tmp_path_factory, three_tasks):
     folder = tmp_path_factory.mktemp("figures")
     frames.main(folder)
-    for name in frames.FIGURES:  # as it is before its script has come
+    three = frames.filled("curves", *curves.figure(three_tasks))
+    page = frames.PAGE.format(name="curves", html=three)
+    (folder / "curves-three.html").write_text(page, encoding="utf-8")
+    for name in PAGES:  # as it is before its script has come
         page = (folder / f"{name}.html").read_text(encoding="utf-8")
         still = re.sub(r"<script defer.*?</script>", "", page)
         (folder / f"{name}-still.html").write_text(still, encoding="utf-8")
@@ -314,6 +401,23 @@ def test_a_drift_is_the_edge_of_a_bin():
     assert set(frames.SLIDERS["fresh"]) <= set(frames.EDGES)
 
 
+def test_the_curves_are_drawn_as_they_are_stored(open_page):
+    page, study = open_page("curves"), curves.stored()
+    found = computed(
+        page,
+        """() => {
+          const text = document.querySelector("script[type='application/json']").textContent;
+          return Object.entries(JSON.parse(text).tasks).map(([task, { arms }]) => [task,
+            Object.entries(arms).map(([arm, lines]) => [arm, lines.map(live.curves.line)])]);
+        }""",
+        None,
+    )
+    assert {task: [arm for arm, _ in drawn] for task, drawn in found} == curves.arms(study)
+    for task, drawn in found:
+        for arm, lines in drawn:
+            assert (np.array(lines) == np.rint(curves.curve(study, task, arm))).all()
+
+
 # What a reader does
 
 
@@ -410,6 +514,58 @@ def test_the_replay_tells_asks_and_obeys(open_page):
     assert "|δ| is 0.0 on old data and 1.0 on new" in words(page)
 
 
+def test_the_curves_tell_ask_and_obey(open_page):
+    page, study = open_page("curves"), curves.stored()
+    task, *_ = curves.arms(study)
+    answer = curves.answer(study, task, curves.arms(study)[task])
+    (_, end), *_ = curves.drifted(study.config(task, "reuse"))
+    assert words(page).startswith(f"Episode {end - 1}, motor reversed.")
+    assert "GB-DQN (paper)" in words(page) and "DQN-reuse (Adam kept)" not in words(page)
+    press(page, answer["right"])
+    assert page.inner_text("[data-verdict]") == f"Right. {answer['why']}"
+    assert "DQN-reuse (Adam kept)" in words(page) and "GB-DQN (paper)" not in words(page)
+    press(page, "Reset")
+    assert "GB-DQN (paper)" in words(page) and "DQN-reuse (Adam kept)" not in words(page)
+    for name in ("GB-DQN-reuse", "GB-DQN (paper)", "DQN"):
+        press(page, name)
+    assert words(page).endswith("No agent is switched on.")
+    press(page, "GB-DQN-reuse")
+    slide(page, "episode", "Home")
+    first = curves.said(f"{curves.curve(study, task, 'reuse')[0, 0]:.0f}")
+    said = f"Episode {curves.WINDOW - 1}, motor right. Returns, the highest first: GB-DQN-reuse"
+    assert words(page) == f"{said} {first}."
+    slide(page, "episode", "ArrowRight")
+    assert words(page).startswith(f"Episode {curves.WINDOW - 1 + curves.EVERY},")
+
+
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "touch"])
+def test_an_episode_can_be_pointed_at(open_page, touch):
+    page, study = open_page("curves", touch=touch), curves.stored()
+    task, *_ = curves.arms(study)
+    box = page.locator("[data-graph]").bounding_box()
+    episode = curves.WINDOW - 1 + 20 * curves.EVERY
+    x = box["x"] + box["width"] * episode / study.config(task, "reuse").episodes
+    y = box["y"] + box["height"] / 2
+    (page.touchscreen.tap if touch else page.mouse.move)(x, y)
+    assert words(page).startswith(f"Episode {episode},")
+
+
+def test_the_curves_of_several_tasks(open_page):
+    """What is missing cannot be switched on, and the episodes are those of the task."""
+    page = open_page("curves-three")
+    assert "GB-DQN (paper)" in words(page) and "; DQN " not in words(page)  # Acrobot's is missing
+    assert page.get_by_role("button", name="DQN", exact=True).is_disabled()
+    page.get_by_role("radio", name="CartPole").check()
+    assert page.get_by_role("button", name="DQN-reuse (Adam kept)").is_disabled()
+    slide(page, "episode", "End")
+    assert words(page).startswith("Episode 599, motor right.") and "DQN" in words(page)
+    press(page, "without")
+    assert page.inner_text("[data-verdict]").startswith("Right. Boosters bring −")
+    page.get_by_role("radio", name="Acrobot").check()
+    assert page.inner_text("[data-verdict]") == ""
+    assert page.locator("[data-guess][aria-pressed]").count() == 0
+
+
 @every_figure
 def test_words_are_said_once_a_drag_ends(open_page, name):
     page = open_page(name)
@@ -417,7 +573,7 @@ def test_words_are_said_once_a_drag_ends(open_page, name):
     assert page.text_content("[data-said]") == page.text_content("[data-words]")
 
 
-@every_figure
+@pytest.mark.parametrize("name", PAGES)
 @every_width
 def test_a_figure_never_moves_the_page(open_page, name, width):
     """Its height stays, whatever is pressed or slid, and all its text has room in it."""

@@ -332,6 +332,12 @@ def test_live_figures_stand_in_the_course_in_place_of_their_sliders():
     assert found == ["rooms", "parabola", "replay"]
 
 
+def test_the_learning_curves_stand_where_the_question_is_answered():
+    text = (HTML / "what_to_keep.html").read_text(encoding="utf-8")
+    assert re.findall(r'data-figure="(\w+)"', text) == ["curves"]
+    assert text.index('data-figure="curves"') < text.index("Ask first")
+
+
 def test_every_picture_has_its_words():
     for stem, found in cells():
         outputs = [output for cell in found for output in cell.get("outputs", ())]

@@ -17,7 +17,9 @@ import numpy as np
 
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER.parents[1] / "notebooks"))  # where lesson and pictures are
+sys.path.insert(0, str(FOLDER))
 
+import curves  # noqa: E402
 from lesson import FROZEN, GAMMA, LEARNER, svg  # noqa: E402
 from pictures.instrument import RIGHT_WAY, boosted, instrument, right_rooms  # noqa: E402
 
@@ -26,7 +28,7 @@ from gbdqn_ref.boosting import closed_form_alpha  # noqa: E402
 from gbdqn_ref.config import Config  # noqa: E402
 from gbdqn_ref.replay import RecencyReplay  # noqa: E402
 
-FIGURES = "rooms", "parabola", "replay"
+FIGURES = "rooms", "parabola", "replay", "curves"
 FILES = "figures.css", "live.js", *(f"{name}.js" for name in FIGURES)
 CLAIM = re.compile(r"\{([A-Z]\d*(?:-[a-z])?\d*)\}")
 OLD, NEW = "#B35900", "#0060A0"  # data of the two worlds
@@ -200,10 +202,18 @@ def picture(figure, alt):
 @cache
 def parts(name):
     """The figure's HTML with places for claims, with all else filled in."""
-    text, frames, pictures = dict(rooms=rooms, parabola=parabola, replay=replay)[name]()
+    makers = dict(rooms=rooms, parabola=parabola, replay=replay, curves=curves.figure)
+    return filled(name, *makers[name]())
+
+
+def filled(name, text, frames, pictures):
+    """The HTML of a figure with what its text and its script need, and its pictures."""
     html = (FOLDER / f"{name}.html").read_text(encoding="utf-8")
-    filled = dict(picture="".join(picture(*each) for each in pictures), frames=json.dumps(frames))
-    for key, value in (text | filled).items():
+    shown = dict(
+        picture="".join(picture(*each) for each in pictures),
+        frames=json.dumps(frames, separators=(",", ":")),
+    )
+    for key, value in (text | shown).items():
         html = html.replace(f"{{{key}}}", str(value))
     return html
 
