@@ -150,6 +150,25 @@ def test_the_answers_about_the_replay():
     assert len(set(stays)) == 1
 
 
+def test_the_answers_about_the_theorem():
+    rises, below, never = answers("theorem")
+    assert frames.theorem_1.boosted(0.9, 1.0, 1)[0].tolist() == [[0, 1], [0, 1]]
+    own = {gamma: frames.squares(gamma, 1, 1)[1] for gamma in frames.GAMMAS}
+    np.testing.assert_allclose(list(own.values()), [2 * gamma**2 for gamma in own])
+    assert rises.startswith(f"From γ = {min(gamma for gamma in own if own[gamma] > 1)} on.")
+    sums = [frames.squares(0.9, 1, m)[1] for m in range(10)]
+    assert below == f"It takes {next(m for m in range(1, 10) if sums[m] < 1)} boosters."
+    assert never.startswith("No.")
+    for gamma, alpha in itertools.product(frames.GAMMAS, ALPHAS):
+        largest = np.abs(frames.theorem_1.boosted(gamma, alpha, frames.BOOSTS)[:, 1]).max(1)
+        bound = (1 - alpha + alpha * gamma) ** np.arange(frames.BOOSTS + 1)
+        np.testing.assert_allclose(largest, bound, **CLOSE)
+    figure = frames.theorem_1.boosts(0.9, 1.0, 3)
+    axis = figure.axes[0]
+    assert "γ = 0.9, α = 1" in (axis.get_title(), axis.get_title("left"))
+    plt.close(figure)
+
+
 # The learning curves, whatever is stored
 
 
@@ -385,6 +404,21 @@ def test_the_replay_agrees_with_the_package_at_every_setting(open_page):
         np.testing.assert_allclose(found, masses(fresh, exponent, q), **CLOSE)
 
 
+def test_the_theorem_agrees_with_the_package_at_every_setting(open_page):
+    """The residuals at both doors after each booster, with fixed targets and with Q's own."""
+    found = computed(
+        open_page("theorem"),
+        """([gammas, alphas, boosts]) => gammas.map((gamma) => alphas.map((alpha) =>
+          live.theorem.boosted(gamma, alpha, boosts).map(({ fixed, own }) => [fixed, own])))""",
+        [frames.GAMMAS, ALPHAS, frames.BOOSTS],
+    )
+    want = [
+        [frames.theorem_1.boosted(gamma, alpha, frames.BOOSTS) for alpha in ALPHAS]
+        for gamma in frames.GAMMAS
+    ]
+    np.testing.assert_allclose(found, want, **CLOSE)
+
+
 def masses(fresh, exponent, q):
     """For each mix and rate: the old mass by bin, the new, and the old share; by the package."""
     replay, rows = frames.aged(exponent, fresh, q), []
@@ -512,6 +546,25 @@ def test_the_replay_tells_asks_and_obeys(open_page):
     assert words(page).startswith("3,000 of the 10,000")
     slide(page, "q", "Home")
     assert "|δ| is 0.0 on old data and 1.0 on new" in words(page)
+
+
+def test_the_theorem_tells_asks_and_obeys(open_page):
+    page = open_page("theorem")
+    assert words(page).startswith("After 1 booster the sum of squares is 0.00")
+    assert "With its own targets it is 1.62, more than at the start" in words(page)
+    press(page, "larger")
+    own = frames.squares(**frames.PAPER, boosts=frames.ASKED)[1]
+    sums = [frames.squares(**frames.PAPER, boosts=m)[1] for m in range(frames.BOOSTS + 1)]
+    said = f"Right. It is {own:.2f}, and rises until booster {np.argmax(sums)}."
+    assert page.inner_text("[data-verdict]").startswith(said)
+    assert words(page).startswith(f"After {frames.ASKED} boosters")
+    press(page, "One boost")
+    assert words(page).startswith(f"After {frames.ASKED + 1} boosters")
+    press(page, "Reset")
+    slide(page, "boosts", "Home")
+    assert "it is 1.00, as at the start" in words(page)
+    press(page, "The paper’s constants")
+    assert page.locator('[data-key="gamma"]').get_attribute("aria-valuetext") == "0.99"
 
 
 def test_the_curves_tell_ask_and_obey(open_page):

@@ -329,7 +329,7 @@ def test_live_figures_stand_in_the_course_in_place_of_their_sliders():
         assert re.findall(r'data-figure="(\w+)"', text) == figures
         assert text.count("Show the slider&#x27;s code") == tags.count("slider") - len(figures)
         found += figures
-    assert found == ["rooms", "parabola", "replay"]
+    assert found == ["rooms", "parabola", "replay", "theorem"]
 
 
 def test_the_learning_curves_stand_where_the_question_is_answered():

@@ -4,8 +4,9 @@ from fractions import Fraction as F
 
 import matplotlib.pyplot as plt
 import numpy as np
-from lesson import FROZEN, LEARNER
+from lesson import FROZEN, GREEN, LEARNER
 
+from gbdqn_ref.tabular import MDP
 from pictures.tones import INDIGO, ROSE
 
 WORLDS = INDIGO, ROSE  # γ = 0.9, γ = 0.99
@@ -64,4 +65,36 @@ def two_meanings(drifted, slow, start, steps, ratios, tight):
     largest.text(0.9, 0.1, "200 random MDPs", color=FROZEN)
     largest.set(xlabel="step α along the residual", ylim=(0, 3))
     largest.set_title("largest residual, after / before")
+    return figure
+
+
+def boosted(gamma, alpha, boosts):
+    """The drifted loop's residuals before and after each perfect booster: against the
+    targets of the start, and against Q's own; at both doors, (boosts + 1, 2, 2).
+    """
+    loop = MDP(np.ones((1, 2, 1)), [[0.0, 1.0]], gamma)
+    Q, learner, path = np.zeros((1, 2)), np.zeros((1, 2)), []
+    y = loop.bellman(Q)
+    for _ in range(boosts + 1):
+        r, g = y - learner, loop.residual(Q)
+        path.append([r[0], g[0]])
+        learner, Q = learner + alpha * r, Q + alpha * g
+    return np.array(path)
+
+
+def boosts(gamma, alpha, chosen, most=40):
+    """Both sums of squares and the largest residual, boost by boost."""
+    figure, axis = plt.subplots(figsize=(7, 3))
+    fixed, own = boosted(gamma, alpha, most).transpose(1, 0, 2)
+    for values, colour, line, name in (
+        ((fixed**2).sum(1), FROZEN, "--", "squares, target fixed"),
+        ((own**2).sum(1), LEARNER, "-", "squares, its own target"),
+        (np.abs(own).max(1), GREEN, "-.", "largest, its own target"),
+    ):
+        axis.plot(values, line, color=colour, linewidth=2, label=name)
+        axis.plot(chosen, values[chosen], "o", color=colour)
+    axis.axhline(1, color="black", lw=0.6, ls=":")
+    axis.set(xlabel="boosters", ylabel="residuals", xlim=(-0.5, most), ylim=(0, 2))
+    figure.legend(loc="outside right")
+    axis.set_title(f"γ = {gamma:g}, α = {alpha:g}")
     return figure

@@ -21,6 +21,7 @@ sys.path.insert(0, str(FOLDER))
 
 import curves  # noqa: E402
 from lesson import FROZEN, GAMMA, LEARNER, svg  # noqa: E402
+from pictures import theorem_1  # noqa: E402
 from pictures.instrument import RIGHT_WAY, boosted, instrument, right_rooms  # noqa: E402
 
 from gbdqn_ref.bellman import td_target  # noqa: E402
@@ -28,7 +29,7 @@ from gbdqn_ref.boosting import closed_form_alpha  # noqa: E402
 from gbdqn_ref.config import Config  # noqa: E402
 from gbdqn_ref.replay import RecencyReplay  # noqa: E402
 
-FIGURES = "rooms", "parabola", "replay", "curves"
+FIGURES = "rooms", "parabola", "replay", "curves", "theorem"
 FILES = "figures.css", "live.js", *(f"{name}.js" for name in FIGURES)
 CLAIM = re.compile(r"\{([A-Z]\d*(?:-[a-z])?\d*)\}")
 OLD, NEW = "#B35900", "#0060A0"  # data of the two worlds
@@ -188,6 +189,37 @@ def ageing(fresh, mix, rate, exponent):
     return figure
 
 
+# Theorem 1
+
+BOOSTS, ASKED, PAPER = 40, 20, dict(gamma=0.99, alpha=0.1)
+
+
+def squares(gamma, alpha, boosts):
+    """Σ of the squared residuals after so many boosters: target fixed, and its own."""
+    return (theorem_1.boosted(gamma, alpha, boosts)[-1] ** 2).sum(1)
+
+
+def theorem():
+    """(what the text needs, what the script needs, the pictures)."""
+    pictures = []
+    for constants in (dict(gamma=GAMMA, alpha=1.0), PAPER):
+        fixed, own = squares(**constants, boosts=1)
+        alt = "γ = {gamma}, α = {alpha}, one booster: ".format(**constants)
+        alt += f"the squared residual goes from 1 to {fixed:.2f} if the target is fixed, "
+        alt += f"to {own:.2f} with its own target."
+        pictures.append((theorem_1.boosts(**constants, chosen=1), alt))
+    fixed, own = squares(GAMMA, 1, 1)
+    text = dict(fixed=f"{fixed:.0f}", own=f"{own:.2f}", shown=GAMMA, boosts=BOOSTS, asked=ASKED)
+    text |= slider("gamma", GAMMAS, GAMMA) | {f"paper_{k}": x for k, x in PAPER.items()}
+    frames = dict(
+        boosts=BOOSTS,
+        opening=dict(gamma=GAMMA, alpha=1, boosts=1),
+        paper=PAPER,
+        asked=PAPER | dict(boosts=ASKED),
+    )
+    return text, frames, pictures
+
+
 # HTML
 
 
@@ -202,8 +234,8 @@ def picture(figure, alt):
 @cache
 def parts(name):
     """The figure's HTML with places for claims, with all else filled in."""
-    makers = dict(rooms=rooms, parabola=parabola, replay=replay, curves=curves.figure)
-    return filled(name, *makers[name]())
+    ours = dict(rooms=rooms, parabola=parabola, replay=replay, theorem=theorem)
+    return filled(name, *(ours | dict(curves=curves.figure))[name]())
 
 
 def filled(name, text, frames, pictures):
