@@ -105,6 +105,11 @@ class DriftForgetsH(Boosted):
         self.h = np.zeros((ROOMS, 2))
 
 
+class DriftForgetsFrozen(Boosted):
+    def drift(self):
+        self.frozen, self.h = self.h, np.zeros((ROOMS, 2))
+
+
 class DriftKeepsH(Boosted):
     def drift(self):
         self.frozen = self.frozen + self.h
@@ -237,6 +242,9 @@ EXERCISES = [
             "q() adds h even when live is False.": AlwaysLive,
             "q() changes frozen, at every call. Return a new table.": QInPlace,
             "drift forgets to add h: what was learnt is lost.": DriftForgetsH,
+            "drift puts h in the place of frozen: what was frozen before is lost.": (
+                DriftForgetsFrozen
+            ),
             "drift adds h but keeps it too: now h counts twice.": DriftKeepsH,
         },
         [
