@@ -5,7 +5,7 @@
 # table. You know what freezing does to a table, and why Algorithm 1, taken to the
 # letter, does not adapt.
 #
-# *Time: 23 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
+# *Time: 24 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
 # DQN”, Eqs. 1 and 4, and Algorithm 1.*
 
 # %%
@@ -24,6 +24,7 @@ from lesson import (
     step,  # that of notebook 1
 )
 from pictures import forty_lines as pictures
+from pictures import instrument  # a picture, and sliders
 
 from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 
@@ -41,9 +42,9 @@ from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 # that computes Q in every room from the same adjustable numbers, its weights. Here we
 # keep the table.
 #
-# The idea comes from *gradient boosting*, which builds a sum of small models, one after
-# the other. The time in which one is trained is a *stage*. The earlier ones are frozen,
-# and the new one is fitted to the **residual**, to what their sum still lacks:
+# The idea comes from **gradient boosting**, which builds a sum of small models, one
+# after the other. The time in which one is trained is a **stage**. The earlier models
+# are frozen, and the new one is fitted to the **residual**, to what their sum lacks:
 #
 # $$Q = \text{frozen} + h, \qquad \text{residual} = y - \text{frozen}(s, a) .$$
 #
@@ -184,20 +185,21 @@ show(
 )
 
 # %% [markdown]
-# (Q(8, right) and Q(9, right) end below −6.52, the lowest Q* in the new world. There
+# (Q(8, right) and Q(9, right) end below −6.51, the lowest Q* in the new world. There
 # going right was tried too seldom to recover.)
 #
 # ## To the letter
 #
-# Now read Algorithm 1. Line 7 chooses the action by the “softmax-based policy” of
-# $Q_{m-1}$. Lines 9 and 16 make the target from $\bar Q_{m-1}$. All three name the
-# *frozen* part alone. The booster is added in line 29, when its stage ends. The formula
-# of the policy in the text has $Q_m$; so text and algorithm disagree (A1), and the code
-# can do both (D6). (D is for what our code decides or does differently.)
+# Now read Algorithm 1. Line 7 chooses the action by a **softmax** of $Q_{m-1}$: at
+# random, but an action with a larger Q more often. Lines 9 and 16 make the target from
+# $\bar Q_{m-1}$. All three name the *frozen* part alone. The booster is added in line
+# 29, when its stage ends. The formula of the policy in the text has $Q_m$; so text and
+# algorithm disagree (A1), and the code can do both (D6). (D is for what our code
+# decides or does differently.)
 #
-# The softmax also chooses at random, but an action with a larger Q more often. The bar
-# marks a delayed copy of a network. Neither matters here. The frozen part does not
-# move, so nothing that $h$ learns can change the choice, and the copy is soon equal.
+# The bar marks a delayed copy of a network. Neither bar nor softmax matters here. The
+# frozen part does not move, so nothing that $h$ learns can change the choice, and the
+# copy is soon equal.
 #
 # To follow the letter takes one line: `agent.live = False`, after the drift. Before the
 # first drift nothing is frozen, so the first learner is live under both readings (D8).
@@ -276,9 +278,9 @@ assert np.allclose(boost(Q, 0, 0.1), Q + 0.1 * world.residual(Q))
 
 # %% [markdown]
 # The paper adds one booster at each drift. Its Eq. 8 takes as α the weight of $h$ that
-# minimises the squared error. For a perfect booster this is 1. The experiments set a
-# “shrinkage coefficient” of 0.1 and do not say how it enters $\alpha_m$ (A3). If it is a
-# factor, α is 0.1.
+# minimises the squared error. For a perfect booster this is 1. The experiments also
+# have a **shrinkage** of 0.1, which is to keep each step small, and do not say how it
+# enters $\alpha_m$ (A3). If it is a factor, α is 0.1.
 #
 # > **Predict.** The agent knows goal 9 perfectly, and the goal moves to room 0. How
 # > many perfect boosters until all nine rooms are correct, at α = 1? And at α = 0.1?
@@ -337,21 +339,20 @@ for agent, _ in froze:
     assert gap < 0.01
 
 # %% [markdown]
-# Try it (in Jupyter, run the next cell): the rooms after some perfect boosters.
+# Here is the instrument of the ten rooms. Above hangs Q, with what is left of the
+# residual; below stands the policy after each perfect booster, green where it is right.
+# In Jupyter, run the cell after the picture, and move frozen and live, h and αh, α, γ.
+
+# %% tags=["still"]
+show(
+    instrument.instrument(5),
+    alt="Q of both actions in each room after five boosts with a frozen target, and "
+    "the residual, left in rooms 4 to 9. Below, the policy after each boost: up to "
+    "boost 4 one more room turns left each time; boost 5 turns none.",
+)
 
 # %% tags=["slider", "live:rooms"]
-from ipywidgets import interact
-
-
-@interact(boosters=(0, 110), alpha=(0.1, 1.0))
-def look(boosters=0, alpha=1.0):
-    Q = corridor(9).q_star()
-    Q[0] = 0
-    for _ in range(boosters):
-        Q = boost(Q, 0, alpha)
-    title = f"{boosters} boosters: {correct_rooms(Q, 0)} of 9 rooms are correct"
-    show(pictures.after(Q, 0, title), alt=title)
-
+instrument.slider()
 
 # %% [markdown]
 # ## With the paper open
@@ -375,6 +376,8 @@ for agent, found in letter:
     assert np.allclose(agent.h, known, atol=0.01)
     assert np.flatnonzero(Q[:, LEFT] > Q[:, RIGHT]).tolist() == [1]
     assert Q[9, RIGHT] > Q[9, LEFT]
+assert (froze[0][0].q()[8:, RIGHT] < new.min()).all()
+assert np.isclose(new.min(), -6.51, atol=0.005)
 assert [len(found) - 1 for found in counts.values()] == [10, 82]
 assert counts["α = 1"] == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8, 9]
 assert [len(stages(alpha, gamma=0.99)) - 1 for alpha in (1, 0.1)] == [10, 80]

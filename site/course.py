@@ -33,8 +33,12 @@ def pages():
 
 
 def notebook(stem, content):
-    """A notebook as MyST-NB reads it; a live figure stands in the place of its slider."""
+    """A notebook as MyST-NB reads it; a live figure stands in the place of its slider, and of a
+    still picture beside that.
+    """
     source, page = f"notebooks/{stem}.ipynb", f"course/{stem}.ipynb"
+    still = [cell for cell in content["cells"] if "still" in cell["metadata"].get("tags", [])]
+    content["cells"] = [cell for cell in content["cells"] if cell not in still]
     for k, cell in enumerate(content["cells"]):
         tags = cell["metadata"].get("tags", [])
         if figure := [tag.removeprefix("live:") for tag in tags if tag.startswith("live:")]:
@@ -61,6 +65,8 @@ def prepare(cell, source, page):
             hidden, what = WHOLLY if told else fold
             tags.append(hidden)
             options |= {"code_prompt_show": f"Show {what}", "code_prompt_hide": f"Hide {what}"}
+    if "= check(" in "".join(cell["source"]):
+        tags.append("checked")  # site.css breaks the lines of its verdict
     for output in cell["outputs"]:
         for described in output.get("metadata", {}).values():
             if "alt" in described:
@@ -104,7 +110,7 @@ def terms():
 def anchor(term):
     """A term's anchor.
 
-    >>> anchor("TD error")
-    'term-td-error'
+    >>> anchor("TD error"), anchor("ε-greedy")
+    ('term-td-error', 'term-epsilon-greedy')
     """
-    return "term-" + re.sub(r"\W+", "-", term.lower()).strip("-")
+    return "term-" + re.sub(r"\W+", "-", term.lower().replace("ε", "epsilon")).strip("-")

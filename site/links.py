@@ -19,10 +19,10 @@ from sphinx.util.nodes import make_refnode
 NAMES = re.compile(
     r"\b(?P<claim>T[1-4]-[a-z]|[MRWPABCXK]\d{1,2})\b"
     r"|\b(?P<deviation>D\d{1,2})\b"
-    r"|\b(?P<place>(?:Eqs?\.|Theorems?|Algorithm)[  ]\d+(?:(?:–|, | and )\d+)*)"
-    r"|(?<=\bAlgorithm 1, )(?P<line>lines?[  ]\d+(?:(?:–|, | and )\d+)*)"
+    r"|\b(?P<place>(?:Eqs?\.|Theorems?|Algorithm)\s+\d+(?:(?:–|,\s|\sand\s)\d+)*)"
+    r"|(?<=\bAlgorithm 1, )(?P<line>lines?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"
     r"|(?<![\w./])(?P<function>[a-z]\w*(?:\.\w+)+)"
-    r"|\b(?P<notebook>[Nn]otebooks?[  ]\d+(?:(?:–|, | and )\d+)*)"
+    r"|\b(?P<notebook>[Nn]otebooks?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"
 )
 STILL = (  # where names stay text
     nodes.title,
@@ -131,6 +131,7 @@ def glossed(text):
 
 def link_names(app, doctree, docname):
     """Make links of the names in a page."""
+    join_lines(doctree)
     for text in list(doctree.findall(nodes.Text)):
         parents = list(ancestors(text))
         if any(isinstance(each, STILL) for each in parents) or in_html_link(text):
@@ -143,6 +144,14 @@ def link_names(app, doctree, docname):
             found = [word for each in found for word in ([each] if each[1] else glossed(each[0]))]
         if any(target for _, target, _ in found):
             text.parent.replace(text, [linked(app, docname, *each) for each in found])
+
+
+def join_lines(doctree):
+    """Make one text of a paragraph's lines, for a name may be broken over two."""
+    for parent in doctree.findall(nodes.TextElement):
+        for k in range(len(parent) - 1, 0, -1):
+            if isinstance(parent[k - 1], nodes.Text) and isinstance(parent[k], nodes.Text):
+                parent[k - 1 : k + 1] = [nodes.Text(parent[k - 1] + parent[k])]
 
 
 def linked(app, docname, words, target, kind):

@@ -229,7 +229,7 @@ def test_a_function_that_cites_equations_stands_under_them():
 # Links
 
 
-@pytest.mark.parametrize("kind", ["claims", "deviations", "equations", "functions"])
+@pytest.mark.parametrize("kind", ["claims", "deviations", "equations", "notebooks", "functions"])
 def test_no_name_is_left_without_its_link(kind):
     documented = {
         name.removeprefix("gbdqn_ref.") for module in public().values() for name in module
@@ -237,13 +237,22 @@ def test_no_name_is_left_without_its_link(kind):
     patterns = {
         "claims": "|".join(re.escape(row["id"]) for row in ledger()),
         "deviations": r"D\d+",
-        "equations": r"Eqs?\. \d+|Theorems? \d",
+        "equations": r"Eqs?\.\s\d+|Theorems?\s\d",
+        "notebooks": r"[Nn]otebooks?\s\d+",
         "functions": "|".join(re.escape(name) for name in documented),
     }
     pattern = re.compile(rf"(?<![\w.])({patterns[kind]})(?![\w-])")
     for name in names():
         for text in page(name).free:
             assert not pattern.search(text), (name, text)
+
+
+def test_a_name_may_be_broken_over_two_lines(monkeypatch):
+    monkeypatch.syspath_prepend(str(SITE))
+    monkeypatch.syspath_prepend(str(ROOT / "paper_checks"))
+    pieces = importlib.import_module("links").pieces("Begin at notebook\n1, or at Eq.\n8.", {})
+    pages = [target[0] for _, target in pieces if target]
+    assert pages == ["course/01_ten_rooms", "equations"]
 
 
 def test_functions_named_in_code_lead_to_the_api():
@@ -340,7 +349,8 @@ def test_the_learning_curves_stand_where_the_question_is_answered():
 
 def test_every_picture_has_its_words():
     for stem, found in cells():
-        outputs = [output for cell in found for output in cell.get("outputs", ())]
+        kept = [cell for cell in found if "still" not in cell["metadata"].get("tags", [])]
+        outputs = [output for cell in kept for output in cell.get("outputs", ())]
         described = [
             kind["alt"]
             for output in outputs
@@ -446,7 +456,8 @@ def test_the_source_opens_on_a_phone(visit):
 def of_each_kind():
     """A page of each kind, in the order of their names."""
     kinds = {name.partition("/")[0]: name for name in names()}
-    return sorted({*kinds.values(), "source/gbdqn_ref/optim.html"})
+    others = "course/02_forty_lines.html", "source/gbdqn_ref/optim.html"
+    return sorted({*kinds.values(), *others})
 
 
 @pytest.mark.parametrize("mode", ["light", "dark"])

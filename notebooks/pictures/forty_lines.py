@@ -57,13 +57,3 @@ def boosters(counts):
     axis.set(xlabel="perfect boosters, one for each drift", ylabel="correct rooms")
     axis.set(ylim=(-0.3, 10.5), yticks=[0, 3, 6, 9], xlim=(-1, 90))
     return figure
-
-
-def after(Q, goal, title):
-    """The rooms with the greedy policy; no arrow where both actions are equal."""
-    figure, axis = plt.subplots(figsize=(7, 1.4))
-    tie = np.isclose(Q[:, 0], Q[:, 1])
-    policy = np.where(tie, None, Q.argmax(1))
-    rooms.draw(axis, Q.max(1), goal, policy, span=10)
-    axis.set_title(title)
-    return figure

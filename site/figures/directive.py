@@ -6,14 +6,18 @@ from sphinx.util.docutils import SphinxDirective
 
 
 class FigureLive(SphinxDirective):
-    """Put the figure's HTML into the page; its claims lead to the ledger."""
+    """Put the figure's HTML into the page; its claims and equations are links."""
 
     required_arguments = 1
 
     def run(self):
-        ledger = "../" * self.env.docname.count("/") + "ledger.html#"
-        html = frames.html(self.arguments[0], link=lambda claim: ledger + claim.lower())
+        html = frames.html(self.arguments[0], link=self.address)
         return [nodes.raw("", html, format="html")]
+
+    def address(self, name):
+        page = "equations" if name.startswith("Eq") else "ledger"
+        anchor = name.lower().replace(". ", "-")
+        return "../" * self.env.docname.count("/") + f"{page}.html#{anchor}"
 
 
 def setup(app):

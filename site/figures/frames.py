@@ -31,7 +31,7 @@ from gbdqn_ref.replay import RecencyReplay  # noqa: E402
 
 FIGURES = "rooms", "parabola", "replay", "curves", "theorem"
 FILES = "figures.css", "live.js", *(f"{name}.js" for name in FIGURES)
-CLAIM = re.compile(r"\{([A-Z]\d*(?:-[a-z])?\d*)\}")
+CLAIM = re.compile(r"\{([A-Z]\d*(?:-[a-z])?\d*|Eq\. \d+)\}")
 OLD, NEW = "#B35900", "#0060A0"  # data of the two worlds
 
 
@@ -251,7 +251,7 @@ def filled(name, text, frames, pictures):
 
 
 def html(name, link=None):
-    """A figure to be put into a page; link(claim's id) is the address of its entry."""
+    """A figure to be put into a page; link(name) is the address of a claim or an equation."""
     a = '<a href="{}">{}</a>'
     return CLAIM.sub(lambda m: a.format(link(m[1]), m[1]) if link else m[1], parts(name))
 
