@@ -37,7 +37,7 @@ from gbdqn_ref.tabular import MDP
 # - One step is a **transition**: from $s$, by $a$, for $r$, to the next state $s'$.
 # - The goal is a **terminal state**: nothing comes after it.
 # - The walk from the start to the end is an **episode**.
-# - Whatever walks, and learns from its walks, is called an **agent**.
+# - The walker, who learns from the walks, is the **agent**.
 
 
 # %%
@@ -194,7 +194,8 @@ solution("update")
 # %% [markdown]
 # Which action should it take meanwhile? Mostly the greedy one. But an agent that is
 # always greedy learns nothing about what it never tries, so one action in five is
-# random. (At a tie `argmax` takes the first action, left.)
+# random. Such a policy is called **ε-greedy**, here with ε = 0.2. (At a tie `argmax`
+# takes the first action, left.)
 
 
 # %%
@@ -281,9 +282,9 @@ show(
 # Every room has to turn around, and only two of them notice. In room 1 going left is a
 # good surprise. In room 9, where the walk used to end, every step is a bad one. Room 8
 # is silent: before, nothing came after room 9; now the Q there is 0, which is the same.
-# In room 5 nothing seems wrong: its Q agrees with the Q of rooms 4 and 6, and these are
-# as outdated as itself. **The TD error looks one step ahead. It shows where Q
-# contradicts itself, not where Q is wrong.** The news must travel from room to room.
+# In room 5 nothing seems wrong: its Q agrees with the Q of rooms 4 and 6, which are
+# just as outdated. **The TD error looks one step ahead. It shows where Q contradicts
+# itself, not where Q is wrong.** The news must travel from room to room.
 #
 # ## How much does a TD error tell?
 #
@@ -336,10 +337,10 @@ assert y - q_before == 0 and np.isclose(y - 1 / (1 - 0.9), -8)
 # Q* has moved by 0.53 or by 10. We try the bound on random worlds, and on one where its
 # lower side is reached: every reward falls by 1, and no walk ends.
 #
-# `MDP` is any finite world (a Markov decision process): `P` holds the probabilities of
-# the next states, `r` the rewards. A step may have several outcomes; then targets and
-# Q* are averages over them. `q_star()` is Q*, and `residual(Q)` is the package's name
-# for the TD error of all of Q, at every pair.
+# `MDP` is any finite world (a Markov decision process, **MDP**): `P` holds the
+# probabilities of the next states, `r` the rewards. A step may have several outcomes;
+# then targets and Q* are averages over them. `q_star()` is Q*, and `residual(Q)` is the
+# package's name for the TD error of all of Q, at every pair.
 
 # %%
 rng = np.random.default_rng(0)
