@@ -119,8 +119,8 @@ td_gradient = check("td_gradient", td_gradient)
 solution("td_gradient")
 
 # %% [markdown]
-# By hand: nudge Q and see how the loss moves. Then the bug that most such programs once
-# had.
+# By hand: nudge Q and see how the loss moves. Then a bug that NumPy lets
+# pass.
 #
 # > **Predict.** `error` has shape (4,). Somebody reads `weight` as a column, (4, 1).
 # > NumPy multiplies them without a word. What is the shape, and what becomes of the
@@ -159,8 +159,8 @@ except AssertionError as refusal:
 source(DQN.learn)
 
 # %% [markdown]
-# Batch, target, error, gradient, Adam, target network; at last the replay is told the
-# TD errors. Adam and the network are in notebook 14, the replay in notebook 6.
+# Batch, target, error, gradient, Adam, target network; finally the replay is told
+# the TD errors. Adam and the network are in notebook 14, the replay in notebook 6.
 #
 # ## The target network
 #
@@ -173,7 +173,7 @@ source(DQN.learn)
 # | $\tau$ | `tau` | scalar | 0.01 in the package, at each update (D9) |
 #
 # The target network is a copy that follows slowly (P1), by an average named after
-# Polyak. It is there because y is made of Q: each update moves the goal of the next.
+# Polyak. It is there because y is made of Q: each update moves the target of the next.
 # The paper hopes for “a slowly varying bootstrap target”.
 #
 # **Exercise 3.** Write it.
@@ -190,9 +190,9 @@ solution("polyak")
 
 # %% [markdown]
 # What is it good for? Take it away: with τ = 1 the copy is the network itself. We
-# measure on the ten rooms, where Q* is known. All 18 steps there are lie in the replay,
-# so that exploration plays no part. Once Q is a table, and once a network that is told
-# the room as one number, so that rooms cannot move alone.
+# measure on the ten rooms, where Q* is known. The replay holds all 18 possible steps,
+# so exploration plays no part. Once Q is a table, and once a network that is told the
+# room as one number, so that rooms cannot move alone.
 #
 # > **Predict.** τ = 1, 0.1, 0.01 and 0. Which is fastest on the table? Which ends
 # > nearest to Q* with the network? Where does τ = 0 end?
@@ -326,7 +326,7 @@ show(
 #
 # ## On CartPole
 #
-# The same class with two hidden layers keeps a pole upright; 500 steps are the most.
+# The same class with two hidden layers keeps a pole upright, for 500 steps at most.
 # Two runs without a target network, and two with the package's τ.
 #
 # > **Predict.** On which side are the better runs? Do they keep what they learn?

@@ -85,7 +85,7 @@ assert falling == [F(m + 2, 2 * (m + 1)) ** 2 for m in range(40)]  # above ¼ fo
 # What falls and stays above 0 has a limit (claim T2-g), but the limit need not be 0.
 # Each further boost lowers E, and none lowers it below ¼ (claim T2-h).
 #
-# Two conditions help. The steps must sum to infinity (claim B11). Or E must fall by a
+# Either of two conditions helps. The steps sum to infinity (claim B11). Or E falls by a
 # **fixed part**, $E_m \le (1-c) E_{m-1}$ with one c > 0, because $(1-c)^m$ tends to 0.
 # With α = 1 this room keeps γ² = ¼ of its error, so c = ¾.
 
@@ -97,12 +97,12 @@ for _ in range(12):
 assert fixed_part == [F(1, 4) ** m for m in range(12)]
 
 # %% [markdown]
-# **Exercise 1.** Find out what is left after many boosts, for any steps.
+# **Exercise 1.** What is left of Q after many exact boosts, with any steps?
 
 
 # %%
 def left_over(alphas, gamma):
-    """What exact boosts make of Q = 1 in one room with one door, for r = 0."""
+    """Q after exact boosts from Q = 1, in one room with one door and r = 0."""
     ...  # yours
 
 
@@ -185,8 +185,8 @@ show(
 # of the greedy door repairs one residual, but it raises both targets by γ.
 #
 # A kinder reading of the sketch chooses $h$ and α together, to minimise E. With every
-# pair in the data, $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q), but whoever
-# knows this $h$ has solved the MDP. The direction $(I - \gamma P_\pi)^{-1} g$ always
+# pair in the data, $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q), but to know
+# this $h$ is to have solved the MDP. The direction $(I - \gamma P_\pi)^{-1} g$ always
 # lowers E, but it needs the transition probabilities (claim T2-o). The residual does
 # descend when a fixed policy is evaluated under its stationary weights (claim T2-p).
 #
