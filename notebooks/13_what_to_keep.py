@@ -38,7 +38,7 @@ SEEDS = range(2 if FAST else 10)
 # | older stages, stored | correct, if their world returns | the list `shelf` |
 # | exploration, ε | too low to find new ways, perhaps | always 0.2 |
 #
-# And somebody must *notice* the drift. Until the second half of this page the agent is
+# And somebody must *notice* the drift. In the first half of this page the agent is
 # told.
 #
 # The agent is a table that learns as DQN does, from even draws of a replay. `keep` says
@@ -122,11 +122,12 @@ for goal in (0, 7):
 # end" is one of them, and no Q can be true to both worlds. A new Q does not help. It is
 # soon taught the old world again.
 #
-# **What Q is worth depends on how far the world has moved.** When the goal goes two rooms
-# back, most arrows of the old Q are correct, and a new Q is far behind. When it goes to
-# the other end, every arrow is wrong, and still the old Q is no handicap in episodes: one
-# that does not arrive costs 100 and has 100 steps to learn from. A network has one more
-# reason to stay: what its layers have learnt of the states can serve another goal.
+# **What Q is worth depends on how far the world has moved.** When the goal goes two
+# rooms back, most arrows of the old Q are correct, and a new Q is far behind. When it
+# goes to the other end, every arrow is wrong, and still the old Q costs no more
+# episodes: an episode that does not arrive has 100 steps to learn from. A network has
+# one more reason to stay: what its layers have learnt of the states can serve another
+# goal.
 #
 # Data and network are two memories. Reset-DQN gives up the network and keeps the data.
 # In the ten rooms that is "drop Q", the wrong way round.
@@ -136,7 +137,7 @@ for goal in (0, 7):
 # Now let the goal move to room 0 and *back* to room 9. An agent that stored its Q when
 # the first drift came has the answer on its shelf. GB-DQN stores it too, but buried
 # under a booster: only the sum acts (notebook 12). A stored Q is what a stage ended
-# with; let us call it a stage, and the present Q too. Which one knows this world?
+# with, so we call it a stage, and the present Q too. Which one knows this world?
 #
 # Let them show it. In a **trial episode** a stage plays alone, and the best return goes
 # on. The newest plays first, and wins if returns are equal: what was right last is the
@@ -363,7 +364,7 @@ print(f"largest S after the second drift: {max(risen):.1f}")
 print("the model is first wrong in episode", *first)
 
 # %% [markdown]
-# S is silent, and rightly by its own terms: nothing got worse. A model of the
+# S is silent, and rightly so: nothing got worse. A model of the
 # physics is not. Here it remembers where each action led the last time, and it is
 # wrong when a step leads elsewhere. It does not care how well the agent does. It sees
 # only where the agent goes, and where physics are random it errs without a drift.
@@ -415,9 +416,9 @@ keep = check("keep", keep)
 solution("keep")
 
 # %% [markdown]
-# The package's chart follows the returns as they come: it passes over 30 episodes, takes
-# 30 for a reference, and lets that follow. With it the agent hears of the drift from
-# nobody.
+# The package's chart follows the returns as they come: it passes over 30 episodes,
+# takes 30 for a reference, and lets that follow. With it nobody needs to tell the
+# agent.
 
 
 # %%
@@ -522,16 +523,16 @@ for task in dict.fromkeys(task for task, _ in stored):
             print(f"   {arm:15} {level[task, arm]:7.1f} ({len(values)})")
 
 # %% [markdown]
-# MountainCar first, whose motor is reversed and put right again. Whoever keeps all data
-# stays far behind. To drop them is the largest step. Stored networks alone add little,
-# stored networks with a booster on top add most. And the agent that hears of the drifts
-# from nobody is ahead of the DQN that is told.
+# MountainCar first, whose motor is reversed and put right again. Agents that keep all
+# their data stay far behind. To drop them is the largest step. Stored networks alone
+# add little, with a booster on top they add more. And `reuse`, which nobody tells of
+# the drifts, is ahead of `dqn-drop`, which is told.
 #
 # Which of these differences are more than chance, what each choice brings on each task,
 # and which runs are still missing stand in [the answer](../docs/what_to_keep.md) and in
 # [the results](../paper_checks/results/keep/README.md), with a command for each figure.
 # No part of the recipe is new: storing policies, dropping stale data, a new network on
-# a frozen one. New is that each is switched by itself, and that boosting has a twin.
+# a frozen one. What is new: each is switched by itself, and boosting has a twin.
 
 # %% tags=["checks"]
 keeps_all = max(level["mountaincar", arm] for arm in ("dqn", "gbdqn"))
