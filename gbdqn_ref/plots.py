@@ -325,12 +325,12 @@ def _label_ends(axes: Axes, ends: Sequence[tuple[str, str, float]]) -> None:
         axes.text(BESIDE, height, name, color=colour, transform=axes.transAxes, **END)
 
 
-def apart(heights: np.ndarray) -> np.ndarray:
+def apart(heights: np.ndarray, line: float = LINE_HEIGHT) -> np.ndarray:
     """The heights, with overlapping neighbours moved apart equally until a line of text fits."""
     placed, order = heights.copy(), np.argsort(heights, kind="stable")
     for _ in range(100):
         for below, above in pairwise(order):
-            overlap = max(0.0, placed[below] + LINE_HEIGHT - placed[above])
+            overlap = max(0.0, placed[below] + line - placed[above])
             placed[below] -= overlap / 2
             placed[above] += overlap / 2
     return placed

@@ -20,6 +20,7 @@ import numpy as np
 from exercises import check, solution
 from exercises.ten_rooms import target
 from forty_lines import train
+from IPython.display import Markdown
 from lesson import FAST, GAMMA, ROOMS, ROOT, correct_rooms, corridor, show, step
 from pictures import keep as pictures
 
@@ -528,9 +529,19 @@ for task in dict.fromkeys(task for task, _ in stored):
 # add little, with a booster on top they add more. And `reuse`, which nobody tells of
 # the drifts, is ahead of `dqn-drop`, which is told.
 #
-# Which of these differences are more than chance, what each choice brings on each task,
-# and which runs are still missing stand in [the answer](../docs/what_to_keep.md) and in
-# [the results](../paper_checks/results/keep/README.md), with a command for each figure.
+# Which of these differences are more than chance? Below stands what each choice brings,
+# by what you know: differences on the same seeds, with their 95 % intervals. An
+# interval that contains 0 shows no difference. A dash stands where runs are missing.
+
+# %%
+page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
+table = [line.rsplit("|", 2)[0] for line in page.splitlines() if line.startswith("|")]
+Markdown("\n".join(table))
+
+# %% [markdown]
+# [The answer](../docs/what_to_keep.md) has the command for each figure, and
+# [the results](../paper_checks/results/keep/README.md) have all the rest.
+#
 # No part of the recipe is new: storing policies, dropping stale data, a new network on
 # a frozen one. What is new: each is switched by itself, and boosting has a twin.
 

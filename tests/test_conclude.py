@@ -60,7 +60,7 @@ def cells(table, *key):
 
 
 def test_the_examples_in_the_docstrings():
-    assert doctest.testmod(conclude) == (0, 3) and doctest.testmod(decide) == (0, 1)
+    assert doctest.testmod(conclude) == (0, 4) and doctest.testmod(decide) == (0, 1)
 
 
 def test_exact_intervals_by_hand():
@@ -406,7 +406,7 @@ def test_the_readme_has_the_level_of_each_agent():
     arms = {arm: 9 * [run(-100.0 - 10 * k)] for k, arm in enumerate(decide.AGENTS)}
     text = f"Above.\n{decide.BEFORE}old\n{decide.AFTER}\nBelow.\n"
     found = decide.readme(study_of(arms), text)
-    row = "| GB-DQN, the paper's | the schedule | -120.0 [-120.0, -120.0], 9 runs |"
+    row = "| GB-DQN, the paper's | the schedule | −120.0 [−120.0, −120.0], 9 runs |"
     assert row in found and "\nold\n" not in found
     assert found.startswith("Above.") and found.endswith("Below.\n")
     assert decide.readme(study_of(arms), found) == found

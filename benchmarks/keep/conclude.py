@@ -8,6 +8,7 @@ what is missing.
 """
 
 import argparse
+import re
 import sys
 from functools import partial
 from itertools import pairwise, takewhile
@@ -55,6 +56,7 @@ NETWORK = [
 ]
 ADAM = [("dqn-drop-adam", "dqn-drop"), ("twin-told-adam", "twin-told")]
 FOUND, COSTS = 0.9, 5.0  # targets: share of costly drifts, percent of the span where none is
+LINE = 0.075  # the height of a name in the picture, as a share of its panel's
 COLOURS = 32  # of the picture, which so takes a quarter of the bytes
 DRAWN = {  # arm: its name in the picture, and its line
     "dqn": ("DQN", "-"),
@@ -159,6 +161,15 @@ def words(x):
         return "–"
     ends = " [{:+z.1f}, {:+z.1f}]".format(*interval(x)) if len(x) > 1 else ""
     return f"{stats.iqm(x):+z.1f}{ends}"
+
+
+def signed(text):
+    """A text whose negative numbers have a minus sign in place of a hyphen.
+
+    >>> signed("dqn-2000 -1.5 [-2, +3]")
+    'dqn-2000 −1.5 [−2, +3]'
+    """
+    return re.sub(r"(?<![\w-])-(?=\d)", "−", text)
 
 
 def mean_of(name, places):
@@ -451,7 +462,7 @@ def page(study, results):
         if study.arms(task, part)
     }
     by_task = {f"{task}, arm by arm": adaptation(study, task) for task in study.tasks("oracle")}
-    return TEXT.read_text(encoding="utf-8").format(
+    text = TEXT.read_text(encoding="utf-8").format(
         here=sys.modules[__name__],
         picture=PICTURE if drawn(study) else "",
         looks=", ".join(map(str, looks["seeds"])),
@@ -462,6 +473,7 @@ def page(study, results):
         tuning=markdown(tuning(results)),
         **{table.__name__: markdown(table(study)) for table in TABLES},
     )
+    return signed(text)
 
 
 def sections(tables):
@@ -500,7 +512,7 @@ def picture(study):
             ends = [curves(study, task, arm, left, right) for arm in arms]
             low, high = left.get_ylim()
             left.set(xlim=(0, config.episodes), ylim=(low, high), ylabel="return")
-            heights = plots.apart((np.array(ends) - low) / (high - low))
+            heights = plots.apart((np.array(ends) - low) / (high - low), LINE)
             for arm, height in zip(arms, heights, strict=True):
                 place = {"transform": left.transAxes, "va": "center", "fontsize": 9}
                 left.text(1.01, height, DRAWN[arm][0], color=colour(study, arm), **place)

@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from conclude import Study, interval, markdown, words
+from conclude import Study, interval, markdown, signed, words
 from protocol import FILE, Protocol, command
 from study import RESULTS, Store, chosen
 
@@ -118,13 +118,13 @@ def levels(study):
 def readme(study, text):
     """The README with its table written anew."""
     start, end = text.index(BEFORE) + len(BEFORE), text.index(AFTER)
-    return f"{text[:start]}\n{markdown(levels(study))}\n\n{text[end:]}"
+    return f"{text[:start]}\n{signed(markdown(levels(study)))}\n\n{text[end:]}"
 
 
 def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
-    return text.format(answer=answer(study), table=markdown(table(study)))
+    return signed(text.format(answer=answer(study), table=markdown(table(study))))
 
 
 def main(arguments=None):

@@ -3,7 +3,6 @@
 Whatever says who is ahead is made here from the runs, so that new runs cannot make it false.
 """
 
-import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -14,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "keep"))
 
-from conclude import DRAWN, Study, colour, interval, words
+from conclude import DRAWN, Study, colour, interval, signed, words
 from protocol import FILE, Protocol
 from study import RESULTS, WINDOW, Store, chosen
 
@@ -75,19 +74,10 @@ def level(study, task, arm):
     return study.values(task, arm)[0]
 
 
-def said(text):
-    """A text whose numbers have a proper minus sign.
-
-    >>> said("DQN-reuse -1.5 [-2, +3]")
-    'DQN-reuse −1.5 [−2, +3]'
-    """
-    return re.sub(r"-(?=\d)", "−", text)
-
-
 def amount(study, task, arm):
     """An arm's level in words."""
     x = level(study, task, arm)
-    return said(f"{ARMS[arm][0]} {stats.iqm(x):.1f} ({len(x)} runs)")
+    return signed(f"{ARMS[arm][0]} {stats.iqm(x):.1f} ({len(x)} runs)")
 
 
 def ranking(study, task, there):
@@ -132,7 +122,7 @@ def answer(study, task, there):
         "undecided": "The interval contains 0: no difference is detected.",
     }[right]
     better = "the better twin, " if len(leads) > 1 else ""
-    brought = f"Boosters bring {said(words(lead))} over {better}{ARMS[twin][0]}."
+    brought = f"Boosters bring {signed(words(lead))} over {better}{ARMS[twin][0]}."
     return dict(right=right, why=f"{brought} {end}")
 
 
