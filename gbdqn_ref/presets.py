@@ -170,7 +170,7 @@ DETECTOR: dict[str, dict[str, Any]] = {
     "cartpole": dict(symptom="model", alarm_level=4.5),  # DQN forgets, so its return falls anyway
     "mountaincar": dict(symptom="model", alarm_level=4.5),
     "acrobot": dict(symptom="return", alarm_level=10.0),
-    "hopper": dict(symptom="return", alarm_level=10.0),  # not calibrated
+    "hopper": dict(symptom="model", alarm_level=5.0),
 }
 
 

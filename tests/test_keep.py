@@ -1,6 +1,7 @@
 """The study of what to keep at a drift: its program, end to end, and its fast version."""
 
 import json
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -9,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gbdqn_ref import UsageError, runs
+from gbdqn_ref import UsageError, runs, train
 from gbdqn_ref import study as studies
+from gbdqn_ref.config import Config
 from gbdqn_ref.schedule import Regime
 
 KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
 sys.path.append(str(KEEP))
+import calibrate  # noqa: E402
 import cartpole  # noqa: E402
 import study  # noqa: E402
 from protocol import Protocol  # noqa: E402
@@ -226,3 +229,52 @@ def test_the_fast_study_sees_the_largest_effects(tmp_path):
         values.setdefault(row["arm"], []).append(row["value"])
     for arm in ("dqn-drop", "twin-told", "reuse-told"):
         assert np.all(np.array(values[arm]) > np.array(values["dqn"]) + 50), values
+
+
+def test_the_table_of_false_alarms_is_that_of_what_was_charted():
+    """As recorded; and as bootstrapped at each preset's level, which meets the target."""
+    text = (KEEP / "README.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[2:-1] for line in text.splitlines() if re.match(r"\|.* level \d", line)]
+    cells = dict(zip(calibrate.DETECTOR, zip(*rows, strict=True), strict=True))
+    for env, column in cells.items():
+        charted, preset = calibrate.recorded(env, calibrate.RESULTS), Config.preset(env, "null")
+        shown = [(s, level) for s, (_, levels) in calibrate.SHOWN.items() for level in levels]
+        for (symptom, level), cell in zip(shown, column, strict=True):
+            rate = calibrate.false_alarms(symptom, charted[symptom], level)
+            assert f"({rate:.2f})" in cell
+            chosen = (symptom, level) == (preset.symptom, preset.alarm_level)
+            assert ("**" in cell) == chosen
+            if chosen:
+                series = calibrate.many(env, charted[symptom])
+                rate = calibrate.false_alarms(symptom, series, level)
+                assert rate <= calibrate.TARGET and f"**{rate:.2f}" in cell
+
+
+def test_what_is_charted_of_a_run_without_a_drift(monkeypatch, tmp_path):
+    """Minus its returns, and the logarithms of its errors where an update gave one."""
+    few = Config.preset(
+        "cartpole", "null", agent="dqn", seed=3, drift_signal=[], learning_starts=30
+    )
+    few = Config.from_dict(few.to_dict() | dict(episodes=8, hidden=[8], schedule=[]))
+    monkeypatch.setattr(calibrate.Config, "preset", lambda *args, **values: few)
+    arrays = calibrate.record("cartpole", 3)
+    records = list(train.run(few))
+    assert arrays["return-3"].tolist() == [-each["return"] for each in records]
+    known = [each["td_error"] for each in records if each["td_error"] > 0]
+    np.testing.assert_allclose(arrays["td_error-3"], np.log(known), rtol=1e-6)
+    assert 0 < len(known) < len(arrays["model-3"]) == 8
+    np.savez(
+        tmp_path / "cartpole-charted.npz", **{k.replace("3", "0"): x for k, x in arrays.items()}
+    )
+    assert calibrate.recorded("cartpole", tmp_path)["return"] == [arrays["return-3"].tolist()]
+
+
+@pytest.mark.parametrize(
+    ("envs", "content", "message"),
+    [("pong", None, "there is no"), ("acrobot", b"x", "acrobot-charted.npz")],
+)
+def test_charted_files_that_are_missing_or_damaged(tmp_path, envs, content, message):
+    if content:
+        (tmp_path / "acrobot-charted.npz").write_bytes(content)
+    with pytest.raises(UsageError, match=message):
+        calibrate.main(["levels", f"--envs={envs}", f"--results={tmp_path}"])

@@ -1,29 +1,38 @@
 """Calibrate the detectors on runs without a drift, and count what they find on runs with drifts.
 
-    python benchmarks/keep/calibrate.py record --env acrobot --seeds 20 --out runs/calibration
-    python benchmarks/keep/calibrate.py levels --env acrobot --out runs/calibration
+    python benchmarks/keep/calibrate.py levels
+    python benchmarks/keep/calibrate.py record --envs acrobot --results runs/again
     python benchmarks/keep/calibrate.py found runs/detected-acrobot
 
-`record` trains DQN, which hears of no event, under the preset `null` and keeps what each detector
-would chart. `levels` bootstraps runs without a drift from blocks of these: false alarms per run at
-each level, and how soon a fall of the return is found, by its size. `found` reads the folders of a
-study with detecting agents. A drift counts if it costs a run half of its own span, by its stored
-greedy evaluation.
+`record` trains DQN, which hears of no event, under the preset `null` on seeds 0 to 19, and keeps
+what each detector would chart in ENV-charted.npz. `levels` bootstraps runs without a drift from
+blocks of these: it prints a table of the false alarms per run, for each environment the lowest
+level with at most one in twenty runs, and how soon a fall of the return is found, by its size.
+`found` reads the folders of a study with detecting agents. A drift counts if it costs a run half of
+its own span, by its stored greedy evaluation.
 """
 
 import argparse
-import json
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from protocol import command
+from study import RESULTS
 
-from gbdqn_ref import detect, files, runs, stats, train
+from gbdqn_ref import UsageError, detect, files, runs, stats, train
 from gbdqn_ref.config import Config
+from gbdqn_ref.presets import DETECTOR
+from gbdqn_ref.schedule import LABELS
 
 LEVELS = (4, 4.5, 5, 6, 8, 10, 12, 15, 20, 25, 30)
-BLOCK, RUNS = 100, 400  # episodes in a block, bootstrapped runs
+SHOWN = {  # what is charted, in words, and the levels in the table
+    "return": ("falling returns", (5, 10, 15)),
+    "td_error": ("rising TD error", (10, 30)),
+    "model": ("a model's rising error", (4, 4.5, 5)),
+}
+SEEDS, BLOCK, RUNS = 20, 100, 400  # recorded runs, episodes in a block, bootstrapped runs
 WITHIN, FAR = 10, 50  # episodes in which a drift must be found, and after which an alarm is false
 TARGET = 0.05  # false alarms per run
 
@@ -49,19 +58,29 @@ class Detectors:
             part.update(*episode)
 
 
-def record(env, out, seed):
-    """Train one run without a drift and write {symptom: charted numbers} of its episodes."""
+def record(env, seed):
+    """Train one run without a drift; {"SYMPTOM-SEED": the charted numbers of its episodes}."""
     config = Config.preset(env, "null", agent="dqn", seed=seed, drift_signal=[])
     agent = train.make_agent(config)
     shape = agent.replay.s.shape[1], agent.n_actions
     model = detect.TransitionModel(*shape, np.random.default_rng(seed))
-    parts = {symptom: detect.Detector(symptom, np.inf, model) for symptom in detect.SLACK}
+    parts = {symptom: detect.Detector(symptom, np.inf, model) for symptom in SHOWN}
     for part in parts.values():
         part.chart = Recorder()
     agent.detector = Detectors(parts.values())
     for _ in train.run(config, agent):
         pass
-    files.write_json(out / f"{env}-{seed}.json", {s: p.chart.values for s, p in parts.items()})
+    return {f"{symptom}-{seed}": np.float32(p.chart.values) for symptom, p in parts.items()}
+
+
+def recorded(env, results):
+    """What was charted in an environment, {symptom: one list per seed}."""
+    path = results / f"{env}-charted.npz"
+    if not path.exists():
+        raise UsageError(f"there is no {path}; `record` writes it")
+    with files.undamaged(path), np.load(path, allow_pickle=False) as arrays:
+        seeds = range(len(arrays) // len(SHOWN))
+        return {s: [arrays[f"{s}-{seed}"].tolist() for seed in seeds] for s in SHOWN}
 
 
 def bootstrapped(series, first, rng):
@@ -88,29 +107,50 @@ def delay(series, level, at, size, floor):
     return next((k - at + 1 for k in alarms("return", fallen, level) if k >= at), np.inf)
 
 
-def levels(env, out):
-    """Print the table of an environment, and the lowest level that meets the target."""
+def false_alarms(symptom, series, level):
+    """Alarms per run in series without a drift."""
+    return float(np.mean([len(alarms(symptom, x, level)) for x in series]))
+
+
+def many(env, series):
+    """So many bootstrapped runs from the recorded ones, each in its turn."""
+    first, rng = Config.preset(env, "null").regimes[1].start, np.random.default_rng(0)
+    return [bootstrapped(series[i % len(series)], first, rng) for i in range(RUNS)]
+
+
+def table(results, envs):
+    """The table of false alarms per run: bootstrapped, and in brackets as recorded."""
+    charted = {env: recorded(env, results) for env in envs}
+    header = ["what is charted", *(LABELS[env] for env in envs)]
+    rows = [header, ["---"] * len(header)]
+    for symptom, (name, shown) in SHOWN.items():
+        known = {env: charted[env][symptom] for env in envs}
+        runs = {env: many(env, series) for env, series in known.items()}
+        for level in shown:
+            cells = [f"{name}, level {level:g}" if level == shown[0] else f"level {level:g}"]
+            for env in envs:
+                rates = [false_alarms(symptom, x[env], level) for x in (runs, known)]
+                preset = Config.preset(env, "null")
+                bold = "**" if (preset.symptom, preset.alarm_level) == (symptom, level) else ""
+                cells.append(bold + "{:.2f} ({:.2f})".format(*rates) + bold)
+            rows.append(cells)
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def levels(env, results):
+    """Print the lowest level that meets the target, and what chance would do."""
     config = Config.preset(env, "null")
     first, floor = config.regimes[1].start, random_return(env)
-    recorded = [json.loads(path.read_text()) for path in sorted(out.glob(f"{env}-[0-9]*.json"))]
-    print(f"\n{env}, {len(recorded)} runs; false alarms per run, bootstrapped and as recorded")
     events, episodes = len(config.regimes) - 1, config.episodes - first
-    print(f"always fires: {config.episodes} false alarms per run, every drift found in 1")
     by_chance = 1 - (1 - events / episodes) ** WITHIN
-    print(
-        f"at random, {events} times: {events} false alarms per run, {by_chance:.2f} found in time"
-    )
-    for symptom in detect.SLACK:
-        rng = np.random.default_rng(0)
-        known = [each[symptom] for each in recorded]
-        series = [bootstrapped(known[i % len(known)], first, rng) for i in range(RUNS)]
-        rates = [np.mean([len(alarms(symptom, x, level)) for x in series]) for level in LEVELS]
-        for level, rate in zip(LEVELS, rates, strict=True):
-            own = np.mean([len(alarms(symptom, x, level)) for x in known])
-            found = by_size(series, level, first, floor) if symptom == "return" else ""
-            print(f"{symptom:9} {level:4}  {rate:6.2f} {own:6.2f}  {found}")
-        good = [level for level, rate in zip(LEVELS, rates, strict=True) if rate <= TARGET]
-        print(f"{symptom}: {good[0] if good else 'no level'} meets {TARGET} per run")
+    print(f"\n{env}: always firing, {config.episodes} false alarms per run, all found in 1")
+    print(f"at random {events} times, {events} false alarms per run, {by_chance:.2f} found in time")
+    for symptom, series in recorded(env, results).items():
+        runs = many(env, series)
+        rates = {level: false_alarms(symptom, runs, level) for level in LEVELS}
+        good = next((level for level, rate in rates.items() if rate <= TARGET), None)
+        found = f": {by_size(runs, good, first, floor)}" if good and symptom == "return" else ""
+        print(f"{symptom}: {good or 'no level'} meets {TARGET} per run{found}")
 
 
 def by_size(series, level, first, floor):
@@ -170,24 +210,30 @@ def random_return(env):
     return runs.random_return(Config(env=env))
 
 
-def main():
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["record", "levels", "found"])
     parser.add_argument("folders", nargs="*", type=Path)
-    parser.add_argument("--env", default="acrobot")
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--envs", default=",".join(DETECTOR))
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("runs/calibration"))
-    args = parser.parse_args()
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    args = parser.parse_args(arguments)
+    envs = args.envs.split(",")
     if args.what == "record":
-        args.out.mkdir(parents=True, exist_ok=True)
-        with ProcessPoolExecutor(args.jobs) as pool:
-            list(pool.map(partial(record, args.env, args.out), range(args.seeds)))
+        args.results.mkdir(parents=True, exist_ok=True)
+        for env in envs:
+            with ProcessPoolExecutor(args.jobs) as pool:
+                found_here = pool.map(partial(record, env), range(SEEDS))
+                arrays = {name: x for each in found_here for name, x in each.items()}
+            save = partial(np.savez_compressed, **arrays)
+            files.write_atomically(args.results / f"{env}-charted.npz", save)
     elif args.what == "levels":
-        levels(args.env, args.out)
+        print(table(args.results, envs))
+        for env in envs:
+            levels(env, args.results)
     for folder in args.folders:
         found(folder)
 
 
 if __name__ == "__main__":
-    main()
+    command(main)
