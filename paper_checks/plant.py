@@ -23,7 +23,7 @@ from hypothesis import Phase, settings
 ROOT = ledger.HERE.resolve().parent
 SEEN = ROOT / "seen"  # in a copy: the checks that have seen its fault
 FAULTS = tomllib.loads((ledger.HERE / "faults.toml").read_text(encoding="utf-8"))
-COPIED = ("gbdqn_ref", "paper_checks", "conftest.py", "pyproject.toml")
+COPIED = ("gbdqn_ref", "paper_checks", "benchmarks", "conftest.py", "pyproject.toml")
 PYTEST = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "plant"]
 SECONDS = 120  # a fault may loop for ever
 WORKERS = 2

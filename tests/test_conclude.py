@@ -366,17 +366,21 @@ def test_the_stored_page_is_what_the_program_writes():
 )
 def test_the_answer_is_against_the_better_twin(told, adam, reuse, answer):
     levels = {"dqn-drop": -150, "twin-told": told, "twin-told-adam": adam, "reuse-told": reuse}
+    levels["gb-drop"] = -148
     arms = {arm: [run(value + k % 3) for k in range(9)] for arm, value in levels.items()}
     for k, each in enumerate(arms["dqn-drop"]):
         each["value"] += (-1) ** k * 0.5
     found = decide.answer(study_of(arms))
     assert found.startswith(f"- **MountainCar.** {answer}. Over DQN that drops its data, ")
     assert f"{reuse - max(told, adam):+.1f} [" in found.partition("twins")[2]
+    assert "a booster with nothing stored +1.9 [+1.5, +2.5]" in found
 
 
 def test_a_gain_that_is_neither_ones_is_said_to_be_of_both():
     unsure = np.array([-3.0, -1, 0, 1, 2, 4, 5, 6, -2])
-    assert decide.verdict(unsure, unsure, np.full(9, 4.0)).startswith("Reuse with boosting gains;")
+    assert decide.verdict(unsure, unsure, np.full(9, 4.0), unsure).startswith(
+        "Reuse with boosting gains;"
+    )
 
 
 def test_an_environment_whose_runs_are_missing_has_no_answer():

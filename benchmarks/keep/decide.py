@@ -74,16 +74,17 @@ def answer(study):
         gains = [study.difference(env, twin, "dqn-drop") for twin in TWINS]
         leads = [study.difference(env, "reuse-told", twin) for twin in TWINS]
         both = study.difference(env, "reuse-told", "dqn-drop")
-        if all(map(len, gains + leads)):
+        alone = study.difference(env, "gb-drop", "dqn-drop")
+        if all(map(len, [*gains, *leads, alone])):
             k = int(np.argmax(stats.iqm(gains)))  # the better twin
-            lines.append(f"- **{LABELS[env]}.** {verdict(gains[k], leads[k], both)}")
+            lines.append(f"- **{LABELS[env]}.** {verdict(gains[k], leads[k], both, alone)}")
     return "\n".join(lines) or "No run is complete yet."
 
 
-def verdict(gain, lead, both):
-    """What the intervals say: of reuse's gain, boosting's lead over it, and the sum of the two.
+def verdict(gain, lead, both, alone):
+    """What the intervals say: of reuse's gain, boosting's lead over it, both, and boosting's own.
 
-    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0), np.full(9, 4.0))[:31]
+    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0), np.full(9, 4.0), np.full(9, 4.0))[:31]
     'Reuse, not boosting, gains here'
     """
     first = {
@@ -93,11 +94,11 @@ def verdict(gain, lead, both):
         (False, False): "Nothing is detected beyond DQN that drops its data",
     }[interval(gain)[0] > 0, interval(lead)[0] > 0]
     if first.startswith("Nothing") and interval(both)[0] > 0:
-        first = "Reuse with boosting gains; that it is boosting's gain is not shown"
+        first = "Reuse with boosting gains; what boosting adds to reuse is not shown"
     return (
-        f"{first}. Over DQN that drops its data, stored networks bring {words(gain)}, with "
-        f"boosters on top {words(both)}; over the better of two twins without them, the boosters "
-        f"bring {words(lead)}."
+        f"{first}. Over DQN that drops its data, stored networks bring {words(gain)}, a booster "
+        f"with nothing stored {words(alone)}, both together {words(both)}; over the better of two "
+        f"twins that store networks, boosters bring {words(lead)}."
     )
 
 
