@@ -27,7 +27,7 @@ WRITTEN = [name for name in COURSE if (FOLDER / "clean" / f"{name}.ipynb").exist
 NOTEBOOKS = {name: nbformat.read(FOLDER / f"{name}.ipynb", as_version=4) for name in WRITTEN}
 GLOSSARY = re.findall(r"^### (.+)", (ROOT / "docs/glossary.md").read_text("utf-8"), re.MULTILINE)
 EXERCISES = exercises.exercises()
-MOST_PICTURES, MOST_MINUTES = 40, 30
+MOST_PICTURES, MOST_MINUTES, LEAST_MISTAKES = 40, 30, 5
 every_notebook = pytest.mark.parametrize("name", NOTEBOOKS)
 every_exercise = pytest.mark.parametrize("name", EXERCISES)
 
@@ -215,7 +215,7 @@ def test_the_solution_is_right(name):
 def test_every_likely_mistake_is_named(name, capsys):
     """By its own sentence, with a case, and the page goes on with the solution."""
     exercise = EXERCISES[name]
-    assert len(exercise.mistakes) >= 3
+    assert len(exercise.mistakes) >= LEAST_MISTAKES
     for sentence, mistake in exercise.mistakes.items():
         verdict = exercises.judge(exercise, mistake)
         assert verdict.startswith(sentence), (sentence, verdict)
