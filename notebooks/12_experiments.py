@@ -11,7 +11,7 @@
 # drops less at a drift, recovers faster, and forgets less. It prints one number per
 # method and its spread, the "Final Return" (ours: the mean of the last 50 episodes,
 # D12). So we look first at what happens *around* a drift, in runs of our own, and then
-# at the tables. Everything shown was run and stored; the commands are on the [page of
+# at the tables. The commands of our runs are on the [page of
 # reruns](../paper_checks/results/README.md).
 
 # %%
@@ -20,7 +20,7 @@ from itertools import product
 import numpy as np
 import records
 from exercises import check, solution
-from lesson import show
+from lesson import FAST, show
 from pictures import experiments as pictures
 from records import final
 
@@ -60,8 +60,8 @@ show(
 # heavier world: each turn is one swing through the valley. Below: the same ride, time
 # running down.
 #
-# The frozen $Q_1$ mostly still arrives, but late. With the booster more cars arrive,
-# and sooner. DQN, which froze nothing, does best. But this is one run.
+# Count in the titles. With the frozen $Q_1$ most cars still arrive, but late; with the
+# booster more, and sooner. DQN, which froze nothing, does best. But this is one run.
 #
 # > **Predict.** No value in this world exceeds 0: every step costs 1. How large is
 # > $Q_2$ at most, over the whole plane? And where?
@@ -79,8 +79,8 @@ assert (~been)[added > 0].mean() > 0.5 > (added > 0).mean()
 # %% [markdown]
 # A network has a value everywhere, also where it has no data. There the value says
 # nothing about the car: it is where the network's straight lines happen to lead. Where
-# cars have been, the booster lowers most values, as a heavier world should. Some of
-# what it corrects was wrong before the drift: a residual does not say why it is there.
+# cars have been, the booster lowers most values, as it should in a heavier world. Some
+# of what it corrects was wrong before the drift: a residual does not tell its cause.
 
 # %% tags=["slider"]
 from ipywidgets import interact
@@ -116,12 +116,12 @@ assert kept_up["length × 2"] == kept_up["gravity × 3"] == 500
 
 # %% [markdown]
 # A pole twice as long and a gravity three times as large cost this policy nothing.
-# Below we drift CartPole in just these ways, and the first of them costs a trained
-# network half of its level. So measure what drifts cost before you compare methods:
+# Below we drift CartPole in just these ways, and the gravity alone costs trained
+# networks half of their level. So measure what drifts cost before you compare methods:
 # `python -m gbdqn_ref drift-effect`.
 #
-# Changing physics is easy to get wrong, too. CartPole's step uses products that are
-# computed once. Whoever sets `length` alone changes half a pole:
+# Physics are easily changed wrongly, too. CartPole's step uses products that are
+# computed once. If you set `length` alone, you change half a pole:
 
 # %%
 env = drift.make("cartpole").unwrapped
@@ -134,7 +134,7 @@ assert env.polemass_length == env.masspole * env.length
 # ## How adaptation is measured
 #
 # After a drift the best possible return is another one, so returns of different regimes
-# cannot be compared. We put them on one scale, for each drift anew:
+# cannot be compared. We put them on one scale, anew for each drift:
 #
 # $$\text{level} = \frac{\text{return} - \text{random}}{\text{before} - \text{random}}$$
 #
@@ -182,8 +182,7 @@ solution("forgetting")
 #
 # CartPole, which the paper names and does not show: gravity × 3 from episode 300, then
 # a pole twice as long, then both, then the stock physics again. Five seeds. Beside
-# GB-DQN and DQN runs **Frozen DQN**, a **control**: it stops learning at the first
-# drift.
+# GB-DQN and DQN runs **Frozen DQN**, a control: it stops learning at the first drift.
 #
 # > **Predict.** Three curves around four drifts. Which of the three methods drops
 # > least? Who recovers? And at the end, with the first physics back: who is best?
@@ -211,8 +210,8 @@ for agent in returns:
 
 # %% [markdown]
 # Three things to see. GB-DQN's *measures* after the last drift look excellent, because
-# its level before was so low: always read them beside the curve. Frozen DQN ends where
-# it stopped, near the best, without having learnt anything about any drift. The last
+# its level before was so low: always read them beside the curve. Frozen DQN ends near
+# the best, four seeds of five, without having learnt anything about any drift. The last
 # regime is the first one again, so the final return asks for memory, not for adaptation
 # (claim X9). And which of them forgets?
 #
@@ -325,7 +324,7 @@ assert round(noise / lead) == 8
 # at the end, and two of the four drifts come before the first update (claim X5). Our
 # own runs did learn something: each run of DQN ends above every run of the random
 # policy. The paper's returns, 16 to 20, are chance if its seven actions are like ours
-# (claim X6), and over five runs each method would need a run near 0 (claim X8).
+# (claim X6). If ± is over the five runs, each method has a run near 0 (claim X8).
 # Reset-DQN's "competitive" mean is the lowest (claim X7). Sliding-DQN equals DQN,
 # number for number, because no run fills its window. In the paper the two differ by
 # eight times GB-DQN's lead over DQN. That is what noise looks like.
@@ -387,14 +386,14 @@ assert tables["MountainCar"]["ensemble"][2] > 0
 # replay.
 #
 # * **GB-DQN** crosses the line in all three.
-# * **Frozen DQN** on Acrobot learns nothing during any drift, and most of its seeds end
-#   with the rest. Gravity and mass hardly change which action is right.
+# * **Frozen DQN** on Acrobot learns nothing about any drift, and four of its five seeds
+#   end beside DQN's. Gravity and mass hardly change which action is right.
 # * **Ensemble-DQN** on MountainCar is the one bar right of the line, with five networks
 #   in place of one. A mean removes what their errors do not share (claim C3).
 # * DQN's replay of 50,000 transitions can hold three of Acrobot's regimes (claim X14).
 #
 # How many pairs of runs would tell GB-DQN from DQN on Acrobot? The rule
-# $n \approx (2.8\, s / d)^2$ gives 80 % power at 5 %:
+# $n \approx (2.8\, s / d)^2$ lets a test at 5 % find a difference d in 80 cases of 100:
 
 # %%
 ours = tables["Acrobot"]["gbdqn"][0]
@@ -443,8 +442,8 @@ assert (
 #
 # ## Which GB-DQN?
 #
-# Notebook 7 counted the readings of Algorithm 1 (D6). They are not equally good. Ours
-# has a live target, fits α h, and has α = 0.1. On MountainCar:
+# Notebook 7 listed the readings of Algorithm 1 (D6). They are not equally good. Ours has
+# a live target, fits α h, and has α = 0.1. On MountainCar:
 
 # %%
 for suffix, changes in records.READINGS["mountaincar"].items():
@@ -464,7 +463,7 @@ for suffix in ("live-h", "frozen-h"):
 #
 # ## A drift that is none
 #
-# Is it the drifts that hold GB-DQN back on CartPole? Ask more directly.
+# Is it the drifts that hold GB-DQN back on CartPole?
 #
 # > **Predict.** In episode 300 we tell GB-DQN that the physics have changed, and change
 # > nothing. It freezes its network and goes on with a booster of zero, so no value of Q
@@ -485,7 +484,7 @@ assert high < 0
 # %% [markdown]
 # Most of the return. Whatever the frozen network has wrong must now be learnt by
 # another one, at a time when exploration is over and nearly all data come from one
-# policy. DQN would have gone on. With a table a live booster does as well as DQN
+# policy. DQN would have gone on. With a table a live booster is as good as going on
 # (notebook 2). With networks a new start has a price, and boosting can help only where
 # a drift costs more than that.
 #
@@ -501,6 +500,23 @@ assert high < 0
 #
 # No difference detected is not equality. A fair case for boosting needs drifts that
 # cost DQN more than a new start costs GB-DQN.
+
+# %% tags=["checks"]
+import re
+
+counted = [list(map(int, re.findall(r"\d+", title))) for title in rides]
+arrived, cars, steps = zip(*counted, strict=True)  # of Q₁, Q₂ and DQN
+if not FAST:  # or three cars ride
+    assert cars[0] / 2 < arrived[0] < arrived[1] < arrived[2]
+    assert steps[0] > steps[1] > steps[2]
+for agent in returns:  # gravity × 3 costs half of the level
+    first = records.measures(adaptation, returns, agent, 1)
+    assert abs(float(re.search(r"drop +(\S+),", first)[1]) - 0.5) < 0.05
+frozen, dqn = final("cartpole")["frozen"], final("cartpole")["dqn"]
+assert sorted(frozen)[1] > stats.iqm(dqn)
+assert (np.abs(tables["Acrobot"]["frozen"][0]) < 12).sum() == 4
+assert effects["cartpole"][2][2] < -stats.iqm(dqn) / 2 > effects["cartpole"][3][2]
+assert middle < -stats.iqm(pair[1]) / 2  # what an empty drift costs
 
 # %% [markdown]
 # ## Summary
