@@ -4,8 +4,13 @@
 # You will be able to derive each step of GB-DQN's boosting, Eqs. 1–9, and to say where
 # a residual of zero hides a wrong value.
 #
-# *Time: 30 minutes. Needs: notebooks 1, 2. With the paper open: section Gradient
+# *Time: 30 minutes. Needs: notebooks 1 to 3. With the paper open: section Gradient
 # Boosted DQN, Eqs. 1–9.*
+#
+# **How to read this with the paper open.** Read Eqs. 2–3 with y held fixed, and keep w
+# in the loss at Eq. 6. Read argmin in Eq. 7, and put the weights into both sums of
+# Eq. 8. Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a
+# slow copy (M6). A frozen network is its own copy, so that is the same (D3).
 
 # %%
 import numpy as np
@@ -36,8 +41,8 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 # | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters |
 # | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the ensemble |
 #
-# All boosters in an ensemble are frozen. You can ask the ensemble, or add a booster,
-# and adding one adds its term (M1).
+# Shapes: B states in a batch, A actions, P parameters of a network. All boosters in an
+# ensemble are frozen. To add a booster is to add its term to the sum (M1).
 
 # %%
 source(Ensemble.boosters, Ensemble.terms)
@@ -82,8 +87,8 @@ print(Ensemble(net).q(rooms)[5])
 #
 # An importance weight makes up for drawing some samples more often than others. Read
 # the answers $Q_i = Q(s_i, a_i)$ as free numbers. The steepest way down adds to each
-# its own weighted residual. **Gradient boosting** takes this step with a function: it
-# fits a learner h to the residuals and adds a multiple of it.
+# its own weighted residual. Gradient boosting takes this step with a function: it fits
+# a learner h to the residuals and adds a multiple of it.
 
 # %%
 source(weighted_loss)
@@ -107,8 +112,9 @@ assert np.allclose(slopes, gradient[np.arange(3), a])
 assert np.allclose(slopes, -w * (y - Q) / 3)  # a mean over three samples
 
 # %% [markdown]
-# So the residual is the negative gradient, *as long as y is held fixed* (M3, M4). In
-# regression a label is fixed. Here y contains Q itself; Theorem 1 turns on that.
+# So the weighted residual is the negative gradient, *as long as y is held fixed* (M3,
+# M4). In **regression**, the fit of a function to given data, y is fixed and is called
+# the **label**. Here y contains Q itself; Theorem 1 turns on that.
 #
 # ## Eq. 4 · What the next booster has to learn
 #
@@ -153,7 +159,7 @@ assert np.allclose(left_to_learn, y - q_old[here, action])
 print(left_to_learn.round(3))
 
 # %% [markdown]
-# Keep the 0 of room 5 in mind. Its value is wrong, and the action too.
+# Keep the 0 of room 5 in mind. Its value is wrong, and so is its action.
 #
 # ## Regression: a residual that tells the truth
 #
@@ -205,15 +211,15 @@ print(f"learnt from all of x: {everywhere:.3f}, from the right only: {elsewhere:
 assert elsewhere > 3 * everywhere > 0
 
 # %% [markdown]
-# On the left nothing held it still. Data with a residual of zero keep a booster local;
-# the method does not (T4-b).
+# On the left nothing held the second one still. Data with a residual of zero keep a
+# booster local; the method does not (T4-b).
 #
 # ## The corridor: a residual of zero that hides a wrong value
 #
 # The paper says: “Each new learner focuses only on correcting the discrepancies of the
 # existing ensemble” (section Gradient Boosted DQN). In regression that is all there is
-# to correct. Now the ten rooms, frozen on the day the goal moved from room 9 to room 0,
-# and every step from every room is in the data.
+# to correct. Now take the ten rooms. Q is frozen on the day the goal moves from room 9
+# to room 0, and every step from every room is in the data.
 #
 # > **Predict.** The best action changes in eight rooms. In how many is there a
 # > residual?
@@ -241,7 +247,7 @@ show(
 # of room 6. Both are wrong in the same way, so they agree. **A residual of zero means
 # that Q agrees with itself, not that it is right.**
 #
-# So a booster that fits its residual perfectly is not done:
+# So one booster is not enough, however well it fits:
 
 # %%
 Q = q_old
@@ -253,9 +259,9 @@ for boosters in range(1, 4):
 assert right_way < 9
 
 # %% [markdown]
-# Each booster gives the next one something to do, a room further. Either there are many
-# boosters, or y must contain the booster while it learns: the package's
-# `target="live"`. Notebook 7 compares both.
+# Each booster leaves the next one something to do, a room further. So it takes many
+# boosters, or a y that contains the booster while it learns (the package's
+# `target="live"`). Notebook 7 compares both.
 #
 # ## Eqs. 5–6 · What the booster is fitted to
 #
@@ -287,7 +293,7 @@ assert np.isclose(outside / 4, weighted_loss(r - 0.7 * h, w))  # a mean over fou
 # %% [markdown]
 # The paper concludes: “for simplicity, we use the residual” r instead of w r (after Eq.
 # 6). That does not follow (M9). The smallest example has two samples and a learner that
-# can only say one constant.
+# can only be a constant.
 #
 # **Exercise 2.** Fit the constant h that minimises $\sum_i w_i (r_i - h)^2$.
 
@@ -325,9 +331,9 @@ assert len(set(once.values())) == 4
 assert [round(scaled[name] / once[name]) for name in once] == [1, 1, 9, 3]
 
 # %% [markdown]
-# Only the size of the weights *relative to each other* should matter, and only the
-# first two readings say so. The package takes the second: weights in the loss, residual
-# as it is.
+# Only the size of the weights *relative to each other* should matter. The first two
+# readings pass, but the first has no weights. The package takes the second: weights in
+# the loss, residual as it is.
 #
 # Eq. 5 hides one more choice. With $\alpha_m$ *inside* the square, a learner that can
 # represent anything becomes $h = r/\alpha$, so $\alpha h = r$: however small α is, the
@@ -348,8 +354,8 @@ assert [round(scaled[name] / once[name]) for name in once] == [1, 1, 9, 3]
 # (Eq. 7 prints min; the *place* of the minimum is meant, M10.) Expand the square: $\sum
 # r^2 - 2\alpha A + \alpha^2 B$, a parabola in α. It is lowest at $A/B$, where its
 # height is $\sum r^2 - A^2/B$ (M11). **That height is all of Theorem 1.** With fixed
-# labels no step raises the training loss (M14, T1-k). Yet the loss need not end at
-# zero, since steps may help less and less (M15).
+# labels no such step raises the loss (M14, T1-k). Yet the loss need not end at zero,
+# since steps may help less and less (M15).
 #
 # **Exercise 3.** Write the α that minimises the *weighted* loss $\sum w (r - \alpha
 # h)^2$.
@@ -382,7 +388,7 @@ show(
 
 # %% [markdown]
 # **Shrinkage** takes only a part η of the best step. The loss then falls by $(2\eta -
-# \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of what was to be had. At twice the best α
+# \eta^2) A^2/B$ (T1-d): at η = 0.1 by 19 % of the largest fall. At twice the best α
 # the loss is what it was without the booster. Move α:
 
 # %% tags=["slider", "live:parabola"]
@@ -395,7 +401,7 @@ _ = interact(
 
 # %% [markdown]
 # > **Predict.** The paper has $\alpha_i > 0$ (Eq. 1). Can the α of Eq. 8 be negative?
-# > And for a booster that fits no worse than zero does?
+# > And if the booster fits no worse than 0 everywhere?
 
 # %% tags=["predicted"]
 print("r = −1, h = 1: α =", closed_form_alpha(np.array([-1.0]), np.array([1.0])))
@@ -411,10 +417,10 @@ assert smallest >= 0.5
 
 # %% [markdown]
 # A booster that points the wrong way gets a negative weight. One that fits no worse
-# than zero has α ≥ ½ (M2).
+# than 0 has α ≥ ½ (M2).
 #
 # That holds if the fit and Eq. 8 use the same weights. Take the two samples from above
-# and their exact weighted fit, h = −1/5. The best possible booster now gets an α of −5:
+# and their best constant, h = −1/5. Eq. 8 gives it an α of −5:
 
 # %%
 r, w = np.array([3.0, -1.0]), np.array([0.25, 1.0])
@@ -427,10 +433,9 @@ assert np.isclose(plain, -5) and np.isclose(weighted, 1)
 assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 
 # %% [markdown]
-# Eq. 8 turns the exact fit around and raises the very loss that it was fitted to (M12).
-# With the weights in both sums it cannot: the weighted loss falls by $A_w^2/B_w$
-# (T1-e). The package uses those (D7), over the whole buffer, since the α of a minibatch
-# may raise the loss of the rest (T1-j).
+# Eq. 8 turns the best fit around and raises the very loss that it minimised (M12). With
+# the weights in both sums it cannot (T1-e). The package does so (D7), over the whole
+# buffer, since the α of one batch may raise the loss of the rest (T1-j).
 #
 # ## Eq. 9 · Folding the booster in
 #
@@ -442,8 +447,8 @@ assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 # | $Q_{m-1}(s_i, a_i)$ | `agent.q_frozen` | (N,) | kept beside every transition |
 # | $Q_{m-1}(s'_i, \cdot)$ | `agent.q_frozen_next` | (N, A) | likewise |
 #
-# At the next drift $h_m$ is frozen and joins $Q_{m-1}$. The package keeps the frozen
-# answers for every stored transition and adds one booster's share to them.
+# At the next drift $h_m$ is frozen and joins $Q_{m-1}$. For each of the N stored
+# transitions the package keeps the frozen answers, and adds the booster's share to them.
 #
 # **Exercise 4.** Bring the kept $Q_{m-1}(s_i, a_i)$ up to date.
 
@@ -458,8 +463,7 @@ fold_in = check("fold_in", fold_in)
 solution("fold_in")
 
 # %% [markdown]
-# The package's agent, after three boosters, against the whole ensemble and against
-# yours:
+# The package's agent, after three boosters, against its ensemble and yours:
 
 # %%
 config = Config(hidden=[16], capacity=50, alpha=0.5)
@@ -480,16 +484,9 @@ assert np.allclose(yours, agent.q_frozen, atol=1e-5)
 assert np.allclose(agent.ensemble.q(s)[np.arange(50), a], agent.q_frozen, atol=1e-5)
 
 # %% [markdown]
-# So an update evaluates one network, however many there are (M17, M19). Each booster is
+# So an update asks no frozen network, however many there are (M17, M19). Each booster is
 # as large as the first, though; “lightweight” is not the word (M18). And a drift
 # changes no answer: the next booster starts as the zero function.
-#
-# ## How to read this with the paper open
-#
-# - Eq. 4 subtracts $Q_{m-1}$; the text on Algorithm 1 subtracts $\bar Q_{m-1}$, a slow
-#   copy (M6). A frozen network is its own copy, so it makes no difference (D3).
-# - Eqs. 2–3: read *with y held fixed*. Eq. 6: keep w in the loss. Eq. 7: argmin. Eq. 8:
-#   put the weights into both sums.
 
 # %% [markdown]
 # ## Summary

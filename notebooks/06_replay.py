@@ -6,6 +6,10 @@
 #
 # *Time: 30 minutes. Needs: notebook 5. With the paper open: section Recency and
 # TD-error Prioritized Replay, Eqs. 10–11.*
+#
+# **How to read this with the paper open.** γ, α and β each mean two things: exponent and
+# discount, rate and booster's weight, mixture and exponent of the weights. Read
+# $T - t_i$ as the age in the buffer, and $p_i$ as computed when it is drawn.
 
 # %%
 from itertools import product
@@ -25,13 +29,13 @@ rng = np.random.default_rng(0)
 # %% [markdown]
 # ## A buffer through a drift
 #
-# GB-DQN draws some stored steps, or transitions, more often than others: those with
-# a high **priority**, which a large TD error δ gives, and recency. The paper expects of
+# GB-DQN draws some stored transitions more often than others: those with a high
+# **priority**. A large TD error δ raises it, and so does recency. The paper expects of
 # old data “high prediction error when evaluated in the new environment”, and of new
 # data a lower one.
 #
-# Somebody walks through the ten rooms at random: 10,000 steps with the goal in room 9,
-# then the goal moves to room 0, and 1,000 more.
+# An agent walks through the ten rooms at random: 10,000 steps with the goal in room 9.
+# Then the goal moves to room 0, and it walks 1,000 more.
 
 # %%
 OLD, NEW = 10_000, 1_000
@@ -49,7 +53,7 @@ def errors(stored, Q):
 
 
 # %% [markdown]
-# > **Predict.** Which share of the draws is old just after the drift, while Q is still
+# > **Predict.** What share of the draws is old just after the drift, while Q is still
 # > that of the old world? And when Q has adapted, and knows the new world exactly?
 
 # %% tags=["predicted"]
@@ -100,9 +104,9 @@ _ = interact(
 )
 
 # %% [markdown]
-# Now the same as it happens: a full buffer of 10,000, in which each new transition
-# replaces the oldest. A table learns from it, 64 draws at every fourth step. Only the
-# draws differ; the last replay drops the old data at the drift.
+# Now watch it happen, in a full buffer of 10,000: each new transition replaces the
+# oldest. A table learns from it, 64 draws at every fourth step. Only the draws differ;
+# the last replay drops the old data at the drift.
 #
 # > **Predict.** Put in order: even draws, error alone, the package's defaults (β = 0.3,
 # > α = 0.0001), and the drop. After how many steps are all nine rooms right?
@@ -155,7 +159,7 @@ show(
 
 # %% [markdown]
 # With even draws the old share falls step by step. Error alone starts lower and ends
-# higher. And the defaults of the package, with 1,000 new among 10,000 old transitions?
+# higher. How much do the defaults draw of 10,000 old transitions, beside 1,000 new?
 
 # %%
 _, low, high = (P[old].sum() for _, _, P, old in moments(mix=0.3, rate=1e-4))
@@ -174,9 +178,9 @@ assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 #
 # ## Why even draws are not enough
 #
-# In a world that stands still, data of any behaviour will do (R1). The paper adds that
-# “because the Q-update is off-policy, the learning process remains unbiased”. Not on
-# data of two worlds (R2).
+# In a world that stands still, data of any behaviour will do; the field says that
+# Q-learning is **off-policy** (R1). The paper adds that “because the Q-update is
+# off-policy, the learning process remains unbiased”. Not on data of two worlds (R2).
 #
 # > **Predict.** Half of the draws are of the old world, half of the new. Where does Q
 # > send you from room 2, and where from room 7?
@@ -198,11 +202,11 @@ assert was < mixed < new
 #
 # ## Eq. 10, first half · Priority by error
 #
-# Its formula is $p^{TD}_i = (|\delta_i| + \varepsilon)^{\gamma}$.
+# $p^{TD}_i = (|\delta_i| + \varepsilon)^{\gamma}$, where
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $\delta_i$ | `delta` | (B,) | TD error when it was last looked at |
+# | $\delta_i$ | `delta` | (B,) | TD error when it was last drawn |
 # | $\varepsilon$ | `priority_offset` | scalar | so that 0 does not mean never again (R6) |
 # | $\gamma$ | `priority_exponent` | scalar | *not* the discount |
 
@@ -279,14 +283,13 @@ assert [age(slot, 7, 5) for slot in range(5)] == ring.age(np.arange(5)).tolist()
 # %% [markdown]
 # Algorithm 1 (line 12) stores the step *within the episode* instead. By that clock old
 # data can look new: step 500 of the last episode, seen at step 1 of this one, has
-# the recency $e^{499 \alpha}$, where 1 is the most (R8, D5). It also keeps one
-# number $p_i$ until the transition is drawn again. A stored recency is 1 and does not
-# decay.
+# the recency $e^{499 \alpha}$, though 1 should be the largest (R8, D5). It also keeps
+# $p_i$ until the transition is drawn again, so the recency in it does not decay.
 #
-# The package stores none. It draws an age: $\Pr(\text{age} \le k) =
+# The package stores no recency. It draws an age: $\Pr(\text{age} \le k) =
 # (1 - e^{-\alpha (k + 1)})/(1 - e^{-\alpha N})$.
 #
-# **Exercise 2.** Solve it for k: at which age does a uniform u land?
+# **Exercise 2.** Solve it for k: at which age does a uniform random u land?
 
 
 # %%
@@ -332,8 +335,8 @@ solution("probabilities")
 # %% [markdown]
 # A sum of priorities is a mixture of two distributions (R10). With $S = \sum p$ of each
 # part, $P = \lambda P_{TD} + (1 - \lambda) P_{time}$ and $\lambda = \beta S_{TD} /
-# (\beta S_{TD} + (1 - \beta) S_{time})$. So toss a coin: go down the tree, or draw an
-# age.
+# (\beta S_{TD} + (1 - \beta) S_{time})$. So with probability λ go down the tree, else
+# draw an age.
 
 # %%
 source(buffers.RecencyReplay._draw)
@@ -351,9 +354,9 @@ counts = np.bincount(small.sample(n, rng).index, minlength=40)
 assert (np.abs(counts - n * P) < 6 * np.sqrt(n * P)).all()  # six standard deviations
 
 # %% [markdown]
-# It is not the *product* of error and recency, to which Theorem 3 says that it tends
-# (T3-a, notebook 10): with |δ| = (2, 1) and recencies (1, ½) the mixture is (⅔, ⅓) for
-# every β, and the product (⅘, ⅕).
+# Theorem 3 says that it tends to the *product* of error and recency. It does not (T3-a,
+# notebook 10): with |δ| = (2, 1) and recencies (1, ½) the mixture is (⅔, ⅓) for every
+# β, and the product is (⅘, ⅕).
 #
 # > **Predict.** β = ½ and α = 0.01: half and half? Which share of the draws goes by
 # > recency with 100 transitions, with 10,000, and with the paper's 50,000, if all
@@ -379,14 +382,14 @@ assert newest[0] < newest[1] > newest[2]
 
 # %% [markdown]
 # $S_{time}$ stays below $1/(1 - e^{-\alpha})$ while $S_{TD}$ grows with every
-# transition. So β sets no balance: in a full buffer the mixture *is* prioritized
-# replay, unless α falls as 1/N or β is tiny (R12). And a larger α need not favour
-# recent data: at α = 10 only the newest has any recency (R9).
+# transition. So β sets no balance: in a large buffer nearly all draws go by error,
+# unless α falls as 1/N or β is tiny (R12). And a larger α need not favour recent data:
+# at α = 10 only the newest has any recency (R9).
 #
 # ## Algorithm 1, lines 11 and 18 · What goes stale
 #
-# The pictures at the top had every δ up to date. In a run, δ is renewed when it is
-# drawn.
+# The first picture had every δ up to date. In a run a transition's δ is renewed only
+# when it is drawn.
 #
 # > **Predict.** In one buffer of 10,000 all errors fell from 1 to 0, in another they
 # > rose from 0 to 1. No priority says so yet. Which of the two takes longer to be put
@@ -409,13 +412,13 @@ for place, p in (("text", p_1), ("line 11", p_0)):
 
 # %% [markdown]
 # An error that is overestimated is drawn soon and corrected. One that is
-# *under*estimated is hardly drawn. Old data whose target has become wrong are of this
-# kind. (In Algorithm 1 to the letter δ is the residual of the frozen ensemble: it
-# cannot go stale during a stage, nor does it show what is left to learn; R5, R14.)
+# *under*estimated is hardly drawn. Old data are of this kind while Q adapts: their
+# errors rise. (In Algorithm 1 to the letter δ is the residual of the frozen ensemble:
+# it cannot go stale during a stage, nor does it show what is left to learn; R5, R14.)
 #
-# A newcomer enters with the largest priority so far, says the text; with that of its
-# own δ, says line 11 (R13). If the network happens to fit it, it waits long. The
-# package follows the text (D4).
+# The text lets a newcomer enter with the largest priority so far, line 11 with that of
+# its own δ (R13). If the network happens to fit it, it waits long. The package follows
+# the text (D4).
 #
 # ## Algorithm 1, line 14 · Importance weights
 #
@@ -440,9 +443,9 @@ weights = check("weights", weights)
 solution("weights")
 
 # %% [markdown]
-# Do they correct the bias? Enumerate. Two transitions with P = (0.8,
-# 0.2) and values f = (0, 1) have the true mean ½. Add up each possible batch, its
-# probability times its weighted mean.
+# Do they correct the bias? Two transitions with P = (0.8, 0.2) and values f = (0, 1)
+# have the true mean ½. Add up every possible batch's probability times its weighted
+# mean.
 #
 # > **Predict.** The text divides by the batch's largest weight. Does that only scale
 # > the update? And recency *wants* new data to count more. How much of that is left,
@@ -488,21 +491,14 @@ show(
 
 # %% [markdown]
 # By hand: $0.2 \cdot w_2 \cdot 1$ with $w_2 = 1/(2 \cdot 0.2)$ is ½. In general $E[w f]
-# = \sum P f/(N P)$, the mean of f, and only at exponent 1 (W1). Undivided weights have
-# the mean 1 and are bounded, since ε > 0 (W5).
+# = \sum P f/(N P)$, the mean of f, but only at exponent 1 (W1). There undivided weights
+# have the mean 1, and they are bounded, since ε > 0 (W5).
 #
 # Left: in a batch of one every divided weight is 1, and nothing is corrected. The
 # divisor is largest just where the rare transition is in the batch (W2). Right: full
-# correction takes back all of the recency, half of it about half (W3). You cannot have
-# both: data that are drawn more often *so as to count more*, and an update in which
-# they do not. And “unbiased” means the mean over the *buffer*, old world included.
-
-# %% [markdown]
-# ## How to read this with the paper open
-#
-# - γ, α and β each mean two things: exponent and discount, rate and booster's weight,
-#   mixture and exponent of the weights.
-# - Read $T - t_i$ as the age in the buffer, and $p_i$ as computed when it is drawn.
+# correction takes back all of the recency, the exponent ½ about half (W3). You cannot
+# have both: draws that make new data count more, and weights that undo the draws. And
+# “unbiased” means the mean over the *buffer*, old world included.
 
 # %% [markdown]
 # ## Summary

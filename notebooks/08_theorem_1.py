@@ -4,14 +4,15 @@
 # You will be able to say which residual Theorem 1 lowers, and to build a case in which
 # the other one rises.
 #
-# *Time: 20 minutes. Needs: notebooks 1, 4; squares, and where a parabola has its
+# *Time: 21 minutes. Needs: notebooks 1, 4; squares, and where a parabola has its
 # minimum. With the paper open: section “Theoretical Analysis of Gradient-Boosted DQN”,
 # Theorem 1 and its proof; Eq. 8.*
 #
 # **How to read this with the paper open.** Read the definition of $y_i$ first. Which Q
 # is in it? Then read the last inequality of the theorem, and ask the same question
 # again.
-#
+
+# %% [markdown]
 # ## Theorem 1 · what it says
 #
 # The theorem in plain words. Fit a booster $h$ to the residuals. Multiply it by the
@@ -23,7 +24,6 @@
 # > the sum of the squared residuals fall at the first boost? And at the second?
 
 # %%
-
 import numpy as np
 from exercises import check, solution
 from lesson import corridor, show, source
@@ -45,6 +45,7 @@ for _ in range(4):
 sums = [(g**2).sum() for g in residuals]
 print("sum of squared residuals, boost by boost:", *np.round(sums, 1))
 assert sums[1] < sums[0] and sums[1] < sums[2]
+assert [(g > 1e-9).sum() for g in residuals] == [1, 1, 2, 2]
 
 # %% [markdown]
 # The first boost lowers the sum, and the second one raises it. No booster could fit
@@ -54,21 +55,23 @@ assert sums[1] < sums[0] and sums[1] < sums[2]
 show(
     pictures.wave(residuals),
     alt="Four rows of ten rooms, before the first boost and after each of three. A bar "
-    "in each room shows its largest residual. The bar moves from room 1 to rooms 2, 3 "
-    "and 4.",
+    "shows a room's largest residual. A large one moves from room 1 to room 2, then to "
+    "rooms 1 and 3, then to 2 and 4. Small negative ones spread from room 9 to room 6.",
 )
 
 # %% [markdown]
 # Each boost removes every residual that it was fitted to. Then Q has changed. A target
 # is $y = r + \gamma \max Q$, so the targets have changed too, and new residuals appear
 # one room further. Room 2 can be entered through two doors, from room 1 and from room
-# 3. That is why the second boost leaves two residuals where one was.
+# 3. That is why the second boost leaves two large residuals where one was. (The small
+# ones on the right are the old goal's promise, which sinks.)
 #
 # So “residual” has two meanings:
 #
 # - With a **frozen target**, y is computed once, from the Q before the boost.
 # - With **its own target**, Q after the boost is compared with the y that belongs to
-#   it. This is the **Bellman residual** $\mathcal{T}Q - Q$.
+#   it. This is the **Bellman residual** $\mathcal{T}Q - Q$, where $\mathcal{T}Q$ are
+#   the targets that Q gives.
 #
 # The theorem's title says “Bellman Residual”. Its proof keeps $y_i$ fixed.
 #
@@ -109,8 +112,8 @@ assert (before, after) == (5, 4.5) and before - after == A**2 / B
 # %% [markdown]
 # The statement holds for the frozen target (claim T1-a), and every line of its proof
 # holds (claim T1-b). It does not need a good booster: any $h$ with A ≠ 0 lowers the
-# sum. If $h$ is the best fit of a linear class, Eq. 8 adds nothing, since then α = 1
-# (claim T1-f).
+# sum. If the learner could also be any multiple of $h$, and $h$ fits best, Eq. 8 adds
+# nothing: then α = 1 (claim T1-f).
 #
 # **Exercise 1.** By how much does the sum fall? Use only `residual` and `h`.
 
@@ -211,11 +214,11 @@ for gamma in (0.7, 0.71):
 #
 # ## What holds instead
 #
-# The sum of squares may rise, but the *largest* residual cannot. Its size is the **sup
-# norm**: $\|g\|_\infty = \max_{s,a} |g(s,a)|$. The operator $\mathcal{T}$ is a
-# **contraction** in this norm. It brings any two Q-functions closer by the factor γ,
-# since their targets differ only in γ max Q, and two maxima differ by at most the
-# largest difference:
+# With a perfect booster the sum of squares may rise, but the *largest* residual cannot.
+# Its size is the **sup norm**: $\|g\|_\infty = \max_{s,a} |g(s,a)|$. The map
+# $\mathcal{T}$ is a **contraction** in this norm. It brings any two Q-functions closer
+# by the factor γ, since their targets differ only in γ max Q, and two maxima differ by
+# at most the largest difference:
 #
 # $$\|\mathcal{T}Q' - \mathcal{T}Q\|_\infty \le \gamma\, \|Q' - Q\|_\infty$$
 #
@@ -226,7 +229,8 @@ for gamma in (0.7, 0.71):
 #   \|\mathcal{T}Q' - Q'\|_\infty \le (|1-\alpha| + \alpha\gamma)\, \|g\|_\infty$$
 #
 # This is claim T1-h. The factor is below 1 exactly for 0 < α < 2/(1 + γ). We try it on
-# 200 random MDPs, on the drifted loop, and on two rooms that swap.
+# 200 random MDPs, on the drifted loop, and on two rooms, each of which leads to the
+# other.
 
 # %%
 gamma, steps, ratios = 0.9, [], []
@@ -304,10 +308,10 @@ _ = interact(
 # |---|---|---|
 # | the squared residual falls | holds with a frozen target, by exactly A²/B | T1-a, T1-b |
 # | the squared *Bellman* residual falls | fails: 1 → 2γ² | T1-g |
-# | instead: the largest Bellman residual | keeps at most \|1 − α\| + αγ | T1-h |
+# | instead: the largest Bellman residual | is multiplied by at most \|1 − α\| + αγ | T1-h |
 #
 # Two smaller steps: B > 0 needs an $h$ that is not zero on the whole sample (T1-c), and
-# with random rewards the fall ends at the noise (T1-i).
+# with random rewards the noise remains in the sum (T1-i).
 
 # %% [markdown]
 # ## Summary

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # 10 · Theorem 3: a sum of priorities
 #
-# You will be able to say why a sum of two priorities never becomes their product, and
-# what a larger buffer does to the sum.
+# You will be able to say why a sum of two priorities does not draw as their product
+# does, and what a larger buffer does to the sum.
 #
 # *Time: 17 minutes. Needs: notebook 6; what a probability distribution and a variance
 # are. With the paper open: Theorem 3 and its proof sketch; Eqs. 10–11.*
@@ -10,14 +10,15 @@
 # **How to read this with the paper open.** Put the two formulas of the theorem side by
 # side, $P^*(i)$ and $P(i)$. One has a product, the other a sum. Then look in the sketch
 # for the line that turns the sum into the product.
-#
+
+# %% [markdown]
 # ## Theorem 3 · what it says
 #
 # The theorem in plain words. A replay should draw transitions that are both surprising
 # and recent. So the **ideal** draws in proportion to the *product* of |δ| and recency.
 # The rule of Eq. 10 draws in proportion to a *sum* of the two, mixed by β. The theorem
 # says that with a large buffer the rule tends to the ideal, and that no other mixture
-# has a smaller variance.
+# has a smaller **variance**, which is how far its estimates scatter.
 #
 # $$P^*(i) \propto |\delta_i|\; e^{-\alpha(T-t_i)} \qquad \text{against} \qquad
 #   P(i) = \frac{p_i}{\sum_j p_j}, \quad
@@ -71,16 +72,16 @@ assert ideal.tolist() == [F(4, 5), F(1, 5)] and distance == F(2, 15)
 
 # %% [markdown]
 # None (claim T3-a). |δ| alone prefers the newer one 2 : 1, and so does recency alone.
-# Then every mixture does. Only the product makes 4 : 1 of it.
+# Then every mixture does. The product prefers it 4 : 1.
 #
-# Half of the sum of all |P − P*| is the **total variation distance**. It is 0 for equal
-# distributions and 1 for disjoint ones. Here it is 2/15, for every β.
+# Half of the sum of all |P − P*| is the **total variation distance**. It is 0 if the two
+# are equal, and 1 if no transition is drawn by both. Here it is 2/15, for every β.
 #
 # In general, a mixture's ratio lies *between* the ratios of its two parts, and if both
 # parts prefer the same transition the product lies outside (claim T3-k).
 #
-# **Exercise 1.** Three transitions are given by |δ| and recency. How far is the rule
-# from the ideal?
+# **Exercise 1.** Transitions are given by |δ| and recency. How far is the rule from the
+# ideal?
 
 
 # %%
@@ -98,7 +99,7 @@ assert np.isclose(
 )
 
 # %% [markdown]
-# Can the rule ever be right? Yes, if the older transition has the larger error.
+# Can the rule ever be right? It can, if the older transition has the larger error.
 
 # %%
 found = normalise(mixed_priority(row(1, 2)[0], row(1, F(1, 4))[0], F(1, 7)))
@@ -115,8 +116,8 @@ show(
 
 # %% [markdown]
 # With more transitions this is a rare accident: |δ| must rise with age along one
-# certain curve (claim T3-c). In the buffer of a drift it is the other way round, since
-# the newest transitions have the largest errors.
+# certain curve (claim T3-c). Just after a drift it is the other way round, since the
+# newest transitions have the largest errors.
 #
 # ## Theorem 3 · a larger buffer
 #
@@ -148,18 +149,17 @@ show(
 
 # %% [markdown]
 # The rule moves away from the ideal until the two have almost nothing in common (claim
-# T3-b). It tends to prioritised replay *without* recency.
+# T3-b). It tends to priorities *without* recency, by |δ| alone.
 #
-# The reason is a sum. Recency is a **geometric sequence**, and its sum is bounded,
-# however old the data are. The sum of |δ| grows with N. So the share of recency in the
-# rule shrinks like 1/N, while the ideal keeps to the newest few hundred.
+# The reason is in the sums. Recency is a **geometric sequence**, and its sum is bounded,
+# however many data there are. The sum of |δ| grows with N. So the share of recency in
+# the rule shrinks like 1/N, while the ideal keeps to the newest few hundred.
 #
 # $$\sum_{i} e^{-\alpha(T-t_i)} \le \frac{1}{1-e^{-\alpha}}, \qquad
 #   \sum_i |\delta_i| \ge m N \quad \text{if all } |\delta_i| \ge m$$
 #
 # This needs fixed α and β > 0, and $0 < m \le |\delta_i| \le M$; T3-b has the proof's
-# bound. If |δ| fades with age as fast as recency itself, the distance stays near ¼
-# instead.
+# bound. If |δ| fades with age as fast as recency does, the distance stays near ¼.
 
 # %%
 faded = np.exp(-0.001 * np.arange(20_000))
@@ -192,14 +192,14 @@ assert share_of_recency(10**6, 0.01, 0.5) < 1e-3
 #
 # The second half of the theorem says that P “minimizes the variance” among mixtures.
 # Variance of what? One draw from P estimates the sum of some numbers f, by $f_i/P_i$.
-# Its **variance** is
+# The variance is the mean squared distance of such estimates from the sum:
 #
 # $$V(P) = \sum_i \frac{f_i^2}{P_i} - \Big(\sum_i f_i\Big)^2$$
 #
-# and the best P is proportional to |f| (claim T3-g). So it depends on f.
+# The best P is proportional to |f| (claim T3-g). So which P is best depends on f.
 #
 # > **Predict.** Three transitions have |δ| = (1, 2, 4) and recencies (1, ½, ¼), so P*
-# > is even. Which P is best for f = |δ| · recency? And for f = |δ|?
+# > draws all three alike. Which P is best for f = |δ| · recency? And for f = |δ|?
 
 # %% tags=["predicted"]
 p_td, p_time = row(1, 2, 4)[0], row(1, F(1, 2), F(1, 4))[0]
@@ -226,18 +226,19 @@ assert plain["β = 1"] == 0 and plain["P*"] == 14 == max(plain.values())
 # %% [markdown]
 # P* is best for the first f and the worst for the second (claim T3-f). With its
 # importance weights GB-DQN estimates a sum in which age does not occur: a transition's
-# share of the gradient is $|\delta - h|\,\|\nabla h\|$ (claim T3-j). The sketch needs
-# three more steps. The mixture nearest to the product in KL divergence is not the
-# product (claim T3-d). $|\delta|^\gamma$ tends to |δ| if γ tends to 1, but not because
-# the buffer grows (claim T3-e). And $P(i)$ does not tend to $P^*(i)$ for the newest
-# transition (claim T3-i).
+# share of the gradient is $|\delta - h|\,\|\nabla h\|$ (claim T3-j).
+#
+# The sketch takes three more steps, and none holds as it stands. The mixture nearest to
+# the product is not the product, also if nearness is measured as in the sketch, by the
+# KL divergence (claim T3-d). $|\delta|^\gamma$ tends to |δ| if γ tends to 1, but not
+# because the buffer grows (claim T3-e). And $P(i)$ does not tend to $P^*(i)$ for the
+# newest transition (claim T3-i).
 #
 # ## What holds instead
 #
 # If you want the ideal, multiply: $p_i = |\delta_i|\, e^{-\alpha(T-t_i)}$. That is P*
 # itself, at every size of the buffer. If you want a sum, let β shrink as the buffer
-# grows, or measure age in parts of the buffer, not in steps: then the share of recency
-# stays.
+# grows, or measure age as a part of the buffer's size. Then the share of recency stays.
 
 # %%
 shares = [share_of_recency(n, 10 / n, 0.5) for n in (10**2, 10**4, 10**6)]
@@ -258,7 +259,7 @@ assert max(shares) - min(shares) < 0.01
 #
 # A sum of TD error and recency lies between the two; their product does not, if both
 # prefer the same transition. As the buffer grows, the share of recency falls like 1/N,
-# and the rule becomes prioritised replay without recency. Which distribution has the
-# smallest variance depends on what is estimated. To draw by the product, multiply.
+# and the rule draws by the TD error alone. Which distribution has the smallest variance
+# depends on what is estimated. To draw by the product, multiply.
 #
 # [← 9](09_theorem_2.ipynb) · [contents](README.md) · [11 →](11_theorem_4.ipynb)

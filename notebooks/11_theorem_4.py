@@ -10,7 +10,8 @@
 # **How to read this with the paper open.** The theorem has two parts. In part 1, ask
 # which other methods satisfy the same line. In part 2, look for the word
 # “approximated”: how well, and where?
-#
+
+# %% [markdown]
 # ## Theorem 4, part 1 · what it says
 #
 # A boost changes Q(s, a) by $\alpha |h(s, a)|$, so by α times the largest |h| at most:
@@ -57,9 +58,9 @@ assert closed_form_alpha(np.array([1.0, -3.0]), np.ones(2)) == -1
 # network from Q to Q′ satisfies it, with $h = (Q' - Q)/\alpha$. So it cannot tell a
 # stable method from an unstable one.
 #
-# > **Predict.** A booster is $h(\text{room}) = w \cdot \text{room}$, with one weight w.
-# > Only room 1 is in the data, and its residual is 1. The fit is exact. How far does Q
-# > move in room 9?
+# > **Predict.** A booster is $h(\text{room}) = w \cdot \text{room}$, with one weight w:
+# > the room's number is its **feature**. Only room 1 is in the data, and its residual is
+# > 1. The fit is exact. How far does Q move in room 9?
 
 # %% tags=["predicted"]
 rooms = np.arange(10.0)
@@ -70,8 +71,8 @@ assert (w * rooms)[1] == 1 and (w * rooms)[9] == 9
 # %% [markdown]
 # By 9, nine times the residual, in a room that no one has visited. With the features 1
 # and 1000 in place of 1 and 9 it is 1000 (claim T4-b). What *is* bounded is the change
-# on the data: the step of Eq. 8 is never longer than the residual there. A network
-# moves where no one has looked.
+# on the data: over them $\sum (\alpha h)^2 \le \sum r^2$ with the step of Eq. 8. Where
+# no one has looked, a network may move by any amount.
 #
 # **Exercise 1.** Write this change for any features φ.
 
@@ -92,10 +93,11 @@ assert moves(np.array([1.0, 1000.0]), 0, 1.0).tolist() == [1, 1000]
 # ## Theorem 4, part 2 · what it says
 #
 # After a drift, let each booster approximate the residual of the new world, and let
-# each step lower the squared Bellman error as in Theorem 1. Then $Q_m$ tends to the new
-# Q*, in the mean square over the data.
+# each step lower the squared Bellman error as in Theorem 1. Then, says the theorem,
+# $Q_m$ tends to the new Q*, in the mean square over the data.
 #
-# “The squared Bellman error” has two meanings, as in notebook 8. We try both.
+# “The squared Bellman error” has two meanings, as in notebook 8: with a frozen target,
+# and with its own. Case A takes the first, case B the second.
 #
 # > **Predict.** One room, two doors, γ = 0.9. After the drift all rewards are 0, so Q*
 # > = (0, 0). Only the first door is in the data, and every fit is exact there. **A**: Q
@@ -121,10 +123,10 @@ print("B: Q =", *case_b[0], "with the error", errors[0], "→", errors[1])
 assert case_b.tolist() == [[9, 10]] and errors == [81, 0]
 
 # %% [markdown]
-# Case A diverges. Each boost multiplies Q by 2γ, and each time the frozen residual
-# falls to 0. Case B ends after one boost, with a Bellman error of 0, and it is 9 off.
-# On the data it was right before (claim T4-c). The max looks at the second door, and no
-# data ever corrected it.
+# Case A diverges. Each boost multiplies Q by 2γ, and each time the frozen residual on
+# the data falls to 0. Case B ends after one boost, with a Bellman error of 0 on the
+# data, and the first door is 9 off; before the boost it was right (claim T4-c). The max
+# looks at the second door, and no data ever corrected it.
 #
 # ## What holds instead
 #
@@ -216,9 +218,9 @@ show(
 
 # %% [markdown]
 # Misses that always go up end at the same error for every step. The episode ends at the
-# goal, so they add up over ten steps at most, and the error stays below the bound. One
-# room that leads back to itself reaches it. Misses by chance average out, and then
-# smaller steps help.
+# goal, so they add up over ten steps at most, and the error stays below the bound. In
+# one room that leads back to itself it reaches the bound. Misses by chance partly
+# cancel, and then smaller steps help.
 #
 # **Exercise 3.** How many exact boosts (ε = 0) bring an error of 100 down to 1? The
 # experiments have three drifts.
@@ -251,8 +253,8 @@ assert [boosts_needed(100, 1, a, 0.99) for a in (1, 0.1)] == [459, 4603]
 # %% [markdown]
 # ## Summary
 #
-# Part 1 holds of every update of every network, so it is no stability of boosting. Part
-# 2 fails where the data miss a door that the max looks at. If every pair is fitted
+# Part 1 holds for every update of every network, so it does not make boosting stable.
+# Part 2 fails where the data miss a door that the max looks at. If every pair is fitted
 # within ε, the error ends at ε/(1 − γ) or below, for all steps up to 1 whose sum is
 # infinite. The four theorems share two lessons: a target computed from Q moves with Q,
 # and a guarantee needs every pair in the data. They do not say that GB-DQN fails. They

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # 14 · The network by hand
 #
-# After this appendix you can write the network, its gradient and its optimiser in
+# After this appendix you can write the network, its gradient and its optimizer in
 # NumPy, and you can check each of them without trusting anyone.
 #
 # *Time: 29 minutes. Needs: matrix products and the chain rule; no other notebook. With
@@ -49,7 +49,7 @@ rng = np.random.default_rng(0)
 # | – | `h` | (B, n_in + 1) | what enters a layer, with a last column of ones |
 # | $h(s, \cdot\,; \theta)$ | `q` | (B, A) | one number per action |
 #
-# Because θ is flat, the optimiser, clipping, averaging, freezing and saving each take
+# Because θ is flat, the optimizer, clipping, averaging, freezing and saving each take
 # one line.
 
 # %%
@@ -107,7 +107,7 @@ solution("parameters")
 # | | code | shape | what it is |
 # |---|---|---|---|
 # | $dz_L = \partial L / \partial q$ | `dq` | (B, A) | where it starts (notebook 5) |
-# | $\partial L / \partial \theta$ | result of `backward` | (P,) | flat, like θ |
+# | $\partial L / \partial \theta$ | result of `nn.MLP.backward` | (P,) | flat, like θ |
 
 # %%
 source(MLP.backward)
@@ -224,7 +224,7 @@ assert left["last layer 0"] < 0.1 and np.ptp(out) == 0
 #
 # The gradient says which way is down. It does not say how far to go. **Adam** keeps a
 # running mean $m$ of the gradient and $v$ of its square, and moves each parameter by
-# their ratio. Early on it divides out the start at 0:
+# lr times $m/\sqrt v$. Early on it divides out the start at 0:
 #
 # $$m \leftarrow \beta_1 m + (1 - \beta_1) g, \qquad
 # v \leftarrow \beta_2 v + (1 - \beta_2) g^2, \qquad
@@ -255,14 +255,14 @@ for t, g in enumerate((4.0, 4.0, -2.0), start=1):
     assert np.isclose(by_hand, by_package[0])
 
 # %% [markdown]
-# The first two steps have length 0.1: the same gradient twice is all signal. The third
-# gradient points back. The mean does not yet, and the step is shorter.
+# The first two steps have length 0.1, the learning rate, since the gradient is its own
+# mean. The third gradient points back. The mean does not yet, and the step is shorter.
 #
 # **What is `TINY`?** A hidden unit that is off for every state has gradient 0. Then its
 # $m$ shrinks by a factor 0.9 at each step. After some 830 steps it is below the
-# smallest normal float32. Such **denormal** numbers are exact, but many processors are
-# slow with them. So every hundred steps the package sets moments below `TINY` to 0. A
-# moment of that size moves a parameter by less than float32 can show:
+# smallest normal float32. With such **denormal** numbers many processors are slow. So
+# every hundred steps the package sets moments below `TINY` to 0. A moment of that size
+# moves a parameter by less than float32 can show:
 
 # %%
 steps = next(k for k in range(2000) if 0.9**k < np.finfo(np.float32).tiny)
