@@ -10,6 +10,12 @@
 #
 # The paper is *GB-DQN: Gradient Boosted DQN Models for Non-stationary Reinforcement
 # Learning* (arXiv 2512.17034). DQN is short for deep Q-network; Q comes below.
+#
+# **How to read this with the paper open.** Read those two paragraphs now, and again at
+# the end. The paper's $Q$, $r$, $\gamma$ and $\max_{a'}$ are ours. It calls Q a value
+# function and our drift “model drift”, and it says that a drift leaves old value
+# functions “systematically biased”. Ask at the end: where is Q biased, and where does
+# the TD error show it?
 
 # %%
 import numpy as np
@@ -374,13 +380,6 @@ assert (dearer.q_star().argmax(1) == before.q_star().argmax(1)).all()
 # it can be one: a cost per step favours short walks.) **A drift of the values need not
 # be a drift of the policy.** An experiment can tell methods apart only if its drifts
 # change what to do.
-#
-# ## With the paper open
-#
-# The introduction calls Q a value function, our drift “model drift”, and says that it
-# leaves old value functions “systematically biased”. You have seen the bias (eight
-# rooms that point the wrong way, one without a preference) and how little of it the TD
-# error shows. The paper's $Q$, $r$, $\gamma$ and $\max_{a'}$ are ours.
 
 # %% tags=["checks"]
 assert np.isclose(discounted([-1] * 500, GAMMA), -10)  # always to the left

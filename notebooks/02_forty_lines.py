@@ -7,6 +7,12 @@
 #
 # *Time: 24 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
 # DQN”, Eqs. 1 and 4, and Algorithm 1.*
+#
+# **How to read this with the paper open.** Eq. 1 is what you will write: its last term
+# is your `h`, the rest your `frozen`. Eq. 4 is what `h` moves towards. Go through
+# Algorithm 1 with a pencil and mark every $Q_{m-1}$ and every $\bar Q_{m-1}$: there
+# your switch `live` will decide. Lines 11, 13, 14 and 18 belong to notebook 6. No line
+# says how a drift is noticed, and none computes $\alpha_m$ (A3, A4).
 
 # %%
 import numpy as np
@@ -38,8 +44,8 @@ from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 #
 # The second way is the paper's: “previously learned components are frozen and
 # preserved” (section “Introduction”). There the components are DQNs: they learn as you
-# did in notebook 1, but a network takes the table's place. A network is one function
-# that computes Q in every room from the same adjustable numbers, its weights. Here we
+# did in notebook 1, but a **network** takes the table's place: one function that
+# computes Q in every room from the same adjustable numbers, its **weights**. Here we
 # keep the table.
 #
 # The idea comes from **gradient boosting**, which builds a sum of small models, one
@@ -48,8 +54,9 @@ from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 #
 # $$Q = \text{frozen} + h, \qquad \text{residual} = y - \text{frozen}(s, a) .$$
 #
-# (For a fixed $y$ this is minus the derivative of $\frac12 (y - \text{frozen})^2$ with
-# respect to frozen; hence *gradient*.)
+# (Hence the name. A **gradient** holds a function's derivatives, one for each of its
+# variables. For a fixed $y$ the residual is minus the derivative of
+# $\frac12 (y - \text{frozen})^2$ with respect to frozen.)
 #
 # | here | in the paper | where |
 # |---|---|---|
@@ -353,15 +360,6 @@ show(
 
 # %% tags=["slider", "live:rooms"]
 instrument.slider()
-
-# %% [markdown]
-# ## With the paper open
-#
-# Find Eq. 1: its sum is `frozen`, its last term is `h`. Find Eq. 4: it is what $h$
-# moves towards in your `learn`. Then go through Algorithm 1 with a pencil and mark
-# every $Q_{m-1}$ and every $\bar Q_{m-1}$: those are the places where `live` decides.
-# Lines 11, 13, 14 and 18 belong to notebook 6. No line says how a drift is noticed, and
-# none computes $\alpha_m$ (A3, A4).
 
 # %% tags=["checks"]
 for (a, counted), (b, counted_too) in zip(went_on, froze, strict=True):

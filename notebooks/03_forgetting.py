@@ -4,8 +4,13 @@
 # After this notebook you can say why a network forgets, measure how much, and say what
 # freezing keeps and what it does not.
 #
-# *Time: 21 minutes. Needs: notebooks 1 and 2, and derivatives. With the paper open:
+# *Time: 22 minutes. Needs: notebooks 1 and 2, and derivatives. With the paper open:
 # section “Introduction”, paragraphs 2 to 4.*
+#
+# **How to read this with the paper open.** Mark “destructive interference” in paragraph
+# 3 and “frozen and preserved” in paragraph 4. One picture below shows both: the first
+# in rooms 5 to 8, the second as a line at 0. Ask of each sentence about forgetting: does
+# it speak of the components, or of the sum that acts?
 
 # %%
 from copy import deepcopy
@@ -34,12 +39,14 @@ from gbdqn_ref.optim import Adam
 #
 # A table has a number for each room and action. Change one, and the others stay. That
 # works for ten rooms, but not for a robot arm, whose angles are real numbers. So one
-# uses a function with parameters, usually a network, that computes Q from the state.
+# uses a function that computes Q from the state and from adjustable numbers, its
+# **parameters**. Usually it is a network, and the parameters are its weights.
 #
 # The smallest such function is a line. Let $x$ be the position of a room, from −1 at
-# the left end to 1 at the right, and $Q(x) = w x + b$. One gradient step on
-# $\frac12 (y - Q(x))^2$, with $\delta = y - Q(x)$, adds rate · δ · x to $w$ and rate ·
-# δ to $b$.
+# the left end to 1 at the right, and $Q(x) = w x + b$. How wrong Q is at $x$ is measured
+# by a **loss**, here $\frac12 (y - Q(x))^2$. A gradient step moves the parameters a
+# little against the loss's gradient. With $\delta = y - Q(x)$ it adds rate · δ · x to
+# $w$ and rate · δ to $b$.
 #
 # **Exercise 1.** By how much does this step at $x$ change Q at another position, $x_2$?
 
@@ -69,9 +76,12 @@ solution("elsewhere")
 # ## Your forty lines, with a network
 #
 # Here is your class from notebook 2 once more. `h` is now a small network of the
-# position, from the package: `forward` computes it, `backward` gives the gradient, and
-# Adam makes the step (notebook 14 takes all three apart). There are only ten rooms, so
-# we keep the frozen network's answers as a table. A new $h$ begins as the zero function
+# position, from the package. Each of its 32 **hidden units** computes max(0, w x + b),
+# with numbers of its own; each Q is a weighted sum of the 32, plus a constant.
+# `nn.MLP.forward` computes this, `nn.MLP.backward` gives the gradient, and **Adam**
+# turns the gradient into a step: it divides each weight's part by the size that this
+# part usually has (notebook 14 takes all three apart). There are only ten rooms, so we
+# keep the frozen network's answers as a table. A new $h$ begins as the zero function
 # (D11), so that a drift alone changes nothing.
 
 
@@ -121,9 +131,9 @@ def transitions(goal, rooms=range(ROOMS)):
 
 
 # %% [markdown]
-# There is no walking here. Every update sees all 18 transitions of the nine rooms. So
-# whatever we find is not a matter of exploring. First it learns that the goal is room
-# 9:
+# There is no walking here. The transitions that one update learns from are a
+# **batch**, and here each batch has all 18 transitions of the nine rooms. So whatever
+# we find is not a matter of exploring. First it learns that the goal is room 9:
 
 # %%
 UPDATES = 800
@@ -305,12 +315,13 @@ show(
 
 # %% [markdown]
 # Going on is fastest, after both drifts. Before you conclude that freezing is slow,
-# look at the last row, a control. Adam remembers how large the gradients were, and
-# makes larger steps after small ones. An agent that goes on enters the drift with small
-# gradients in that memory; a new $h$ comes with a new Adam. Give the agent that goes on
-# a new Adam as well, and its lead is gone. **Here freezing and going on are about
-# equally quick; what differed was the optimizer.** An experiment that compares methods
-# has to hold such things equal (notebook 12).
+# look at the last row. It is a **control**: it changes one suspected cause and nothing
+# else. Adam, the optimizer, remembers how large the gradients were, and makes larger
+# steps after small ones. An agent that goes on enters the drift with small gradients in
+# that memory; a new $h$ comes with a new Adam. Give the agent that goes on a new Adam as
+# well, and its lead is gone. **Here freezing and going on are about equally quick; what
+# differed was the optimizer.** An experiment that compares methods has to hold such
+# things equal (notebook 12).
 #
 # The paper says that “new learners correct only the discrepancies introduced by drift
 # rather than relearning the value function from scratch” (section “Introduction”).
@@ -341,13 +352,6 @@ print(f"{np.abs(corridor(0).q_star()).max():.1f}")
 #
 # This was one small network in one small world. The experiments of notebook 12 ask the
 # same of larger ones.
-#
-# ## With the paper open
-#
-# In paragraph 3 of the introduction, “destructive interference” is what you saw in
-# rooms 5 to 8. In paragraph 4, “frozen and preserved” is the grey line at 0. Ask of
-# each sentence about forgetting: does it speak of the components, or of the sum that
-# acts?
 
 # %% [markdown]
 # ## Summary

@@ -6,6 +6,11 @@
 #
 # *Time: 25 minutes. Needs: notebooks 1, 3. With the paper open: Eqs. 2–4, section
 # Ensemble Target Networks.*
+#
+# **How to read this with the paper open.** Put a factor for the end of an episode into
+# every target: into Eq. 4, and into lines 9 and 16 of Algorithm 1. Eqs. 2–3 have a sum;
+# a mean makes the step independent of the batch's size. And one letter means two things:
+# τ is the temperature of the policy, and the speed of the target network.
 
 # %%
 import numpy as np
@@ -354,19 +359,12 @@ show(
 )
 
 # %% [markdown]
-# All of them learn. The printed runs without a target network rise higher: slow targets
-# cost time first, as on the table, and a run is short. None of them climbs steadily. A
-# curve may end at its peak or far below it, and on another machine the same seed draws
+# The return over the episodes is called a **learning curve**. All four runs learn. The
+# printed runs without a target network rise higher: slow targets cost
+# time first, as on the table, and a run is short. None of them climbs steadily. A curve
+# may end at its peak or far below it, and on another machine the same seed draws
 # another curve. So one run says nothing about *keeping* what was learnt; notebook 12
 # counts it over many.
-#
-# ## How to read this with the paper open
-#
-# - Eq. 4: put the factor for the end into every target, in Algorithm 1 as well (lines 9
-#   and 16).
-# - Eqs. 2–3: a sum in the paper. A mean makes the step independent of the batch's size.
-# - One letter, two things: τ is the temperature in the policy, and the speed of the
-#   target network.
 
 # %% [markdown]
 # ## Summary

@@ -33,7 +33,7 @@ every_exercise = pytest.mark.parametrize("name", EXERCISES)
 
 
 def prose(notebook):
-    """The Markdown cells after the first, without code, equations, links' addresses, headings."""
+    """The Markdown cells after the title's, without code, equations, links' addresses, headings."""
     cells = [cell.source for cell in notebook.cells[1:] if cell.cell_type == "markdown"]
     text = re.sub(r"^#.*$", "", "\n".join(cells), flags=re.MULTILINE)
     text = re.sub(r"(\[[^\]]*\])\([^)]*\)", r"\1", text)
@@ -54,11 +54,13 @@ def test_the_contents_list_every_notebook_in_order():
 
 @every_notebook
 def test_a_page_begins_and_ends_as_all_do(name):
-    """Title, time, needs; summary, and links to the pages before and after."""
+    """Title, time, needs, how to read it; summary, and links to the pages before and after."""
     first, last = NOTEBOOKS[name].cells[0].source, NOTEBOOKS[name].cells[-1].source
     number = int(name[:2])
     assert first.startswith(f"# {number} · ")
     assert re.search(r"\*Time: \d+ minutes\.\s", first)
+    assert "\n\n**How to read this with the paper open.** " in first and "\n## " not in first
+    assert "paper open" not in "".join(cell.source for cell in NOTEBOOKS[name].cells[1:])
     assert last.startswith("## Summary")
     links = ["[contents](README.md)"]
     if number > 1:
@@ -106,10 +108,19 @@ def test_the_copy_without_outputs_is_current(name):
 
 
 def uses(term, text):
-    """Where a term stands in a text, in the singular or the plural."""
+    """Where a term stands in a text, in the singular or the plural, but not within a longer one,
+    such as network in target network.
+    """
+    text = text.replace("\n", " ")
+    for longer in GLOSSARY:
+        if term != longer and re.search(rf"\b{term}\b", longer, re.IGNORECASE):
+            text = pattern(longer).sub(lambda found: "·" * len(found[0]), text)
+    return [found.start() for found in pattern(term).finditer(text)]
+
+
+def pattern(term):
     stem = term[:-1] + "(?:y|ies)" if term.endswith("y") else term + "(?:e?s)?"
-    flags = 0 if len(term) == 1 else re.IGNORECASE
-    return [found.start() for found in re.finditer(rf"\b{stem}\b", text.replace("\n", " "), flags)]
+    return re.compile(rf"\b{stem}\b", 0 if len(term) == 1 else re.IGNORECASE)
 
 
 @pytest.mark.parametrize("term", GLOSSARY)
@@ -129,7 +140,8 @@ def test_the_glossary_is_in_alphabetical_order_and_complete():
     assert sorted(GLOSSARY, key=str.lower) == GLOSSARY
     asked = """state, action, return, policy, discount, Q, TD error, residual, target network,
         bootstrap, replay, priority, importance weight, contraction, sup norm, drift, regime,
-        forgetting"""
+        forgetting, network, weight, parameter, hidden unit, gradient, loss, batch, Adam,
+        learning curve, control, variance, paired difference"""
     assert set(re.split(r",\s+", asked)) <= set(GLOSSARY)
 
 
