@@ -10,11 +10,12 @@
 # **How to read this with the paper open.** Number the printed lines from “$h_m$: dqn
 # network to train”, which is line 1. Mark every $Q_{m-1}$ and every $Q_m$. There is one
 # $Q_m$, in the last line.
-#
+
+# %% [markdown]
 # ## Algorithm 1, lines 1–29 · where each line lives
 #
-# You wrote forty lines in notebook 2. Here is the package's version. The cell fails
-# unless each line of code is there, exactly once.
+# You wrote forty lines in notebook 2. Here is where the package has each printed line.
+# The cell fails unless each line of code is there, exactly once.
 
 # %%
 import copy
@@ -40,12 +41,12 @@ pictures.table()
 #    a drift is announced, and α is an option: a number, or the closed form of Eq. 8
 #    (D15, D7).
 # 2. **Lines 9–11 compute a target and a residual for the new transition**, but only its
-#    first priority needs them. The package computes both in `learn()`, when a
-#    transition is drawn. Until then its priority is the largest so far (D4).
+#    first priority needs them. The package computes both in `gbdqn.GBDQN.learn`, when
+#    a transition is drawn. Until then its priority is the largest so far (D4).
 # 3. **Line 26 stands after the `break` of line 23.** So the last step of an episode
 #    does not move the target network (claim A5); the package moves it at each update
-#    (D9). Besides, lines 9 and 16 read $\bar Q_{m-1}$, whose networks are frozen (claim
-#    P3).
+#    (D9). Besides, lines 9 and 16 read $\bar Q_{m-1}$. Its networks are frozen, so
+#    there is nothing for it to follow (claim P3).
 # 4. **Lines 7, 9 and 16 say $Q_{m-1}$, never $Q_m$.** The rest of this page is about
 #    that.
 #
@@ -148,9 +149,10 @@ show(
 # Line 7 acts by $Q_{m-1}$, without the booster (claim A1). Only line 29 can change an
 # action. The time between two drifts is a **regime**. The experiments report adaptation
 # *within* regimes, so `target="live"` is the default here (D6). Move the switch
-# yourself:
+# yourself. In Jupyter it is this agent's. On the site the instrument of [notebook
+# 2](02_forty_lines.ipynb) stands here, whose boosters are perfect.
 
-# %% tags=["slider"]
+# %% tags=["slider", "live:rooms"]
 from ipywidgets import interact
 
 
@@ -254,7 +256,7 @@ assert np.allclose(agent.q_frozen_next, asked(replay.s2), atol=1e-4)
 print(len(agent.ensemble), "boosters frozen, one learning: the cache is exact")
 
 # %% [markdown]
-# > **Predict.** Let one network asked about one state cost 1 unit, and a backward pass
+# > **Predict.** To ask one network about one state costs 1 unit, and its gradient costs
 # > 2. DQN spends 4 units on a training sample. What does GB-DQN spend with 8 networks?
 
 
@@ -284,8 +286,9 @@ for target, expected in (("live", [4, 4, 4, 4]), ("frozen", [4, 3, 3, 3])):
     assert costs == expected
 
 # %% [markdown]
-# As much as DQN, however many networks there are; without the cache it would be 2m + 1.
-# Acting still asks all m networks (claim M17).
+# At most as much as DQN, however many networks there are. Without the cache each frozen
+# network would be asked about s and s′ and add 2. Acting still asks all m networks
+# (claim M17).
 #
 # ## The readings, as options
 #
@@ -404,14 +407,14 @@ show(
 )
 
 # %% [markdown]
-# After three boosters more than 97 of 100 are left to the letter (claims B4, B6). What
-# a drift leaves is still there at the next drift (claim B10). In the corridor the news
+# To the letter, more than 97 of 100 are left after three boosters (claims B4, B6). What
+# one drift leaves is still there at the next (claim B10). In the corridor the news
 # of the goal spreads by one room per boost, from both ends (claim B8), and the old
 # goal's value fades slowly: the last room turns after 10 boosts, or 82 with η. In the
 # ledger's corridor, where no episode ends, it takes longer (claim B9).
 #
-# How many boosts halve the error at worst (claim B7), and which rooms have not heard of
-# it after three?
+# How many boosts halve the error at worst (claim B7)? And which rooms has the news not
+# reached after three?
 
 # %%
 halve = {k: ceil(log(0.5) / log(max(f, 1e-9))) for k, f in FACTORS.items()}
@@ -424,7 +427,7 @@ assert halve == {1: 69, 2: 693, 3: 1, 4: 625, 5: 7} and silent.tolist() == [0, 4
 # ## Eq. 1 · from the empty ensemble
 #
 # Algorithm 1 starts with no networks, so $Q_0 = 0$. To the letter the *first* network
-# is one backup as well, and $Q_m = \mathcal{T}^m 0$ looks m steps ahead (claim M21).
+# is one backup as well: $Q_m$ is m backups of 0, and looks m steps ahead (claim M21).
 #
 # > **Predict.** Four perfect boosters, from nothing, with the goal in room 0. Which
 # > action does Q prefer in room 9?
@@ -437,7 +440,7 @@ print("rooms 1, 3, 4 and 9:", *Q[[1, 3, 4, 9]].round(3).tolist())
 assert turned(Q) == 3 and np.allclose(Q[4:], -(1 + 0.9 + 0.81 + 0.729))
 
 # %% [markdown]
-# None. From room 4 on both actions cost the four steps that it looks ahead. Therefore
+# None. In rooms 4 to 9 both actions cost the four steps that it looks ahead. Therefore
 # the first learner is a plain DQN here, with $\alpha_1 = 1$ (D8).
 
 # %% [markdown]

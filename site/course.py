@@ -10,7 +10,6 @@ from places import ROOT, moved, notebooks, read, relative
 FOLDED = {  # a cell's tag: MyST-NB's tag, and what the fold says
     "predicted": ("hide-output", "the answer"),
     "solution": ("hide-input", "the solution"),
-    "slider": ("hide-input", "the slider's code"),
     "checks": ("hide-input", "the checks of the answers above"),
 }
 WHOLLY = "hide-cell", "the answer and its code"  # where the code, too, gives it away
@@ -34,19 +33,21 @@ def pages():
 
 def notebook(stem, content):
     """A notebook as MyST-NB reads it; a live figure stands in the place of its slider, and of a
-    still picture beside that.
+    still picture beside that. A slider without a figure is left out: no kernel would move it.
     """
     source, page = f"notebooks/{stem}.ipynb", f"course/{stem}.ipynb"
-    still = [cell for cell in content["cells"] if "still" in cell["metadata"].get("tags", [])]
-    content["cells"] = [cell for cell in content["cells"] if cell not in still]
-    for k, cell in enumerate(content["cells"]):
+    cells, content["cells"] = content["cells"], []
+    for cell in cells:
         tags = cell["metadata"].get("tags", [])
         if figure := [tag.removeprefix("live:") for tag in tags if tag.startswith("live:")]:
-            content["cells"][k] = markdown(cell["id"], f"```{{figure-live}} {figure[0]}\n```")
+            cell = markdown(cell["id"], f"```{{figure-live}} {figure[0]}\n```")
+        elif {"still", "slider"} & {*tags}:
+            continue
         elif cell["cell_type"] == "markdown":
             cell["source"] = moved("".join(cell["source"]), source, page)
         else:
             prepare(cell, source, page)
+        content["cells"].append(cell)
     content["cells"].insert(1, markdown("offer", offered(stem, page)))
     return json.dumps(content, ensure_ascii=False, indent=1)
 

@@ -20,7 +20,7 @@ NAMES = re.compile(
     r"\b(?P<claim>T[1-4]-[a-z]|[MRWPABCXK]\d{1,2})\b"
     r"|\b(?P<deviation>D\d{1,2})\b"
     r"|\b(?P<place>(?:Eqs?\.|Theorems?|Algorithm)\s+\d+(?:(?:–|,\s|\sand\s)\d+)*)"
-    r"|(?<=\bAlgorithm 1, )(?P<line>lines?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"
+    r"|\b(?P<line>[Ll]ines?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"
     r"|(?<![\w./])(?P<function>[a-z]\w*(?:\.\w+)+)"
     r"|\b(?P<notebook>[Nn]otebooks?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"
 )
@@ -86,7 +86,8 @@ def named(match):
     name, kind = match[0], match.lastgroup
     if kind in ("claim", "deviation"):
         return [(name, known()[kind].get(name))]
-    kind = re.match(r"Eq|Theorem|Algorithm|line|[Nn]otebook", name)[0].replace("Note", "note")
+    kind = re.match(r"Eq|Theorem|Algorithm|[Ll]ine|[Nn]otebook", name)[0]
+    kind = kind.lower() if kind in ("Line", "Notebook") else kind
     word, *rest = re.split(r"(?<=\D)(?=\d)|(?<=\d)(?=\D)", name)
     found = [(word + rest[0], known()[kind].get(rest[0]))]
     return found + [(piece, known()[kind].get(piece)) for piece in rest[1:]]
@@ -112,7 +113,8 @@ def terms():
     """{word in lower case: anchor in the glossary}, plurals included, and the pattern of them."""
     found = {}
     for term, where in course.terms().items():
-        plural = term[:-1] + "ies" if re.search(r"[^aeiou]y$", term) else term + "s"
+        plural = term + ("es" if re.search(r"(s|ch)$", term) else "s")
+        plural = term[:-1] + "ies" if re.search(r"[^aeiou]y$", term) else plural
         found |= {term: where, plural: where}
     words = "|".join(re.escape(word) for word in sorted(found, key=len, reverse=True))
     return found, re.compile(rf"(?<![\w-])({words})(?![\w-])", re.I)

@@ -44,8 +44,8 @@ def site():
 
 
 class Page(HTMLParser):
-    """A page's ids, its links as [address, text], and the text of its article outside of links,
-    headings, code, formulas, live figures and scripts.
+    """A page's ids, its links as [address, text], the text of its article outside of links,
+    headings, code, formulas, live figures and scripts, and the code in that text.
     """
 
     STILL = {
@@ -66,8 +66,8 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.ids, self.links, self.loaded, self.free, self.classes = set(), [], [], [], Counter()
-        self.open, self.article = [], False
+        self.ids, self.links, self.loaded, self.classes = set(), [], [], Counter()
+        self.free, self.code, self.open = [], [], []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
@@ -76,6 +76,7 @@ class Page(HTMLParser):
         self.classes.update(found.get("class", "").split())
         if tag == "a" and "href" in found:
             self.links.append([found["href"], ""])
+        self.code += [""] * (tag == "code")
         self.loaded += [found[name] for name in ("src", "data") if name in found]
         self.loaded += [found["href"]] if tag == "link" and "href" in found else []
         if tag not in ("br", "img", "hr", "meta", "link", "input", "wbr", "path", "use", "source"):
@@ -92,6 +93,8 @@ class Page(HTMLParser):
             self.links[-1][1] += data
         if "article" in tags and not any(still for _, still in self.open):
             self.free.append(data)
+        if {"article", "code"} <= {*tags} and not {"a", "pre", "h1", "h2", "h3", "dt"} & {*tags}:
+            self.code[-1] += data
 
 
 @cache
@@ -229,7 +232,9 @@ def test_a_function_that_cites_equations_stands_under_them():
 # Links
 
 
-@pytest.mark.parametrize("kind", ["claims", "deviations", "equations", "notebooks", "functions"])
+@pytest.mark.parametrize(
+    "kind", ["claims", "deviations", "equations", "lines", "notebooks", "functions"]
+)
 def test_no_name_is_left_without_its_link(kind):
     documented = {
         name.removeprefix("gbdqn_ref.") for module in public().values() for name in module
@@ -238,6 +243,7 @@ def test_no_name_is_left_without_its_link(kind):
         "claims": "|".join(re.escape(row["id"]) for row in ledger()),
         "deviations": r"D\d+",
         "equations": r"Eqs?\.\s\d+|Theorems?\s\d",
+        "lines": r"[Ll]ines?\s\d+",
         "notebooks": r"[Nn]otebooks?\s\d+",
         "functions": "|".join(re.escape(name) for name in documented),
     }
@@ -253,6 +259,30 @@ def test_a_name_may_be_broken_over_two_lines(monkeypatch):
     pieces = importlib.import_module("links").pieces("Begin at notebook\n1, or at Eq.\n8.", {})
     pages = [target[0] for _, target in pieces if target]
     assert pages == ["course/01_ten_rooms", "equations"]
+
+
+def test_the_printed_lines_of_algorithm_1_lead_to_them():
+    """Lines 9 to 11 have one row."""
+    assert {"line-7", "line-9", "line-16"} <= set(led("course/02_", "algorithm.html"))
+    assert {"line-7", "line-9", "line-26", "line-29"} <= set(led("course/07_", "algorithm.html"))
+    assert {"line-9", "line-16", "line-19", "line-29"} <= set(led("ledger", "algorithm.html"))
+
+
+def test_a_function_named_without_its_module_is_no_dead_end():
+    """`forward` is no link, nn.MLP.forward is. In a notebook a bare name is meant as it stands only
+    if its own code has it, or the source that it shows; the other pages that are looked at have no
+    names of their own.
+    """
+    functions = {name.rpartition(".")[2] for module in public().values() for name in module}
+    pages = dict.fromkeys(("ledger.html", "deviations.html", "algorithm.html"), "")
+    pages["contributing.html"] = "make"  # the program
+    for stem, found in cells():
+        code = (json.dumps(cell) for cell in found if cell["cell_type"] == "code")
+        pages[f"course/{stem}.html"] = "\n".join(code)
+    for name, code in pages.items():
+        bare = {text.removesuffix("()") for text in page(name).code} & functions
+        dead = [each for each in bare if not re.search(rf"(?<![.\w]){each}\b", code)]
+        assert not dead, (name, dead)
 
 
 def test_functions_named_in_code_lead_to_the_api():
@@ -336,9 +366,9 @@ def test_live_figures_stand_in_the_course_in_place_of_their_sliders():
         figures = [tag.removeprefix("live:") for tag in tags if tag.startswith("live:")]
         text = (HTML / f"course/{stem}.html").read_text(encoding="utf-8")
         assert re.findall(r'data-figure="(\w+)"', text) == figures
-        assert text.count("Show the slider&#x27;s code") == tags.count("slider") - len(figures)
+        assert "ipywidgets" not in text  # a slider without a kernel is dead
         found += figures
-    assert found == ["rooms", "parabola", "replay", "theorem"]
+    assert found == ["rooms", "parabola", "replay", "rooms", "theorem"]
 
 
 def test_the_learning_curves_stand_where_the_question_is_answered():

@@ -68,7 +68,8 @@ def table():
     text = "| printed | in words | where | the line begins |\n|---|---|---|---|\n"
     for printed, words, where, code in LINES:
         place(where, code)
-        text += f"| {printed} | {words} | `{where.__qualname__}` | `{code}` |\n"
+        name = f"{where.__module__.removeprefix('gbdqn_ref.')}.{where.__qualname__}"
+        text += f"| {printed} | {words} | `{name}` | `{code}` |\n"
     return Markdown(text)
 
 
