@@ -161,8 +161,8 @@ adaptation = check("adaptation", adaptation)
 solution("adaptation")
 
 # %% [markdown]
-# An agent that had learnt nothing has nothing to lose. Then none of the three is
-# defined: `stats.regime_table` gives None, not 0.
+# An agent that had learnt nothing has nothing to lose. Then `stats.regime_table` gives
+# None, not 0.
 #
 # **Exercise 2.** Write forgetting. `returns[k][j]` is the greedy return in the physics
 # of regime j, measured at the end of regime k.
@@ -184,8 +184,8 @@ solution("forgetting")
 # a pole twice as long, then both, then the stock physics again. Five seeds. Beside
 # GB-DQN and DQN runs **Frozen DQN**, a control: it stops learning at the first drift.
 #
-# > **Predict.** Three curves around four drifts. Which of the three methods drops
-# > least? Who recovers? And at the end, with the first physics back: who is best?
+# > **Predict.** Which of the three methods drops least? Who recovers? And at the end,
+# > with the first physics back: who is best?
 
 # %% tags=["predicted"]
 returns = records.curves.returns("cartpole")
@@ -213,7 +213,7 @@ for agent in returns:
 # its level before was so low: always read them beside the curve. Frozen DQN ends near
 # the best, four seeds of five, without having learnt anything about any drift. The last
 # regime is the first one again, so the final return asks for memory, not for adaptation
-# (claim X9). And which of them forgets?
+# (X9). And which of them forgets?
 #
 # > **Predict.** GB-DQN freezes the network of the first regime, and nothing ever
 # > changes those weights. DQN overwrites its only network. At the end, how much of the
@@ -240,12 +240,14 @@ assert [round(x) for x in lost.values()] == [196, 15, 0]
 # GB-DQN forgets most. Its first network is intact, but no action is chosen by it:
 # actions are chosen by the *sum*, and the sum has changed. "Frozen" is a property of
 # parameters, not of what the agent does (notebook 3). The paper's figures may show
-# smaller drops than DQN's; it prints no number of them (claim X16).
+# smaller drops than DQN's; it prints no number of them (X16).
 #
 # ## The tables: are they possible?
 #
-# A return of MountainCar lies between −200, never arrived, and 0. How large can a
-# standard deviation be?
+# The paper compares GB-DQN with DQN and three more: **Ensemble-DQN**, the mean of five
+# networks; **Reset-DQN**, which takes a new network at each drift; **Sliding-DQN**, whose
+# replay holds only the latest transitions. A return of MountainCar lies between −200,
+# never arrived, and 0. How large can a standard deviation be?
 #
 # **Exercise 3.** All values lie between `low` and `high`, and their mean is given.
 
@@ -273,12 +275,12 @@ for name, low in (("Acrobot", -500), ("MountainCar", -200)):
         assert std <= largest_std(mean, low, 0) or mean == -200
 
 # %% [markdown]
-# Not 19.20 (claim X1). All other entries are possible (claim X15).
+# Not 19.20 (X1). All other entries are possible (X15).
 #
 # ## What do they say, if they are right?
 #
 # The paper repeats each experiment five times. Assume that ± is over the five runs; the
-# paper leaves it open (claim X8). The **standard error** of a mean is then
+# paper leaves it open (X8). The **standard error** of a mean is then
 # $s / \sqrt 5$. **Welch's test** asks how often chance alone would make a difference as
 # large as the printed one. That share is its **p-value**:
 
@@ -295,9 +297,9 @@ print(f"smallest of {len(p)} p: {min(p):.3f}; {wider} baselines have a smaller s
 assert min(p) > 0.05 and wider == 6
 
 # %% [markdown]
-# GB-DQN has the best mean in all three tables (claim X2). None of its twelve
-# differences is significant at the usual 0.05 (claim X3). Six of twelve baselines have
-# a smaller standard deviation, against the claim of lower variance (claim X4).
+# GB-DQN has the best mean in all three tables (X2). None of its twelve
+# differences is significant at the usual 0.05 (X3). Six of twelve baselines have
+# a smaller standard deviation, against the claim of lower variance (X4).
 #
 # **Hopper** is a leg that falls after some 20 steps if it moves at random. ε, the share
 # of random actions, falls from 1 to 0.05 over 100,000 steps, and learning starts after
@@ -321,11 +323,11 @@ assert round(noise / lead) == 8
 
 # %% [markdown]
 # So if episodes are as short as a random policy's, nine of ten actions are still random
-# at the end, and two of the four drifts come before the first update (claim X5). Our
+# at the end, and two of the four drifts come before the first update (X5). Our
 # own runs did learn something: each run of DQN ends above every run of the random
 # policy. The paper's returns, 16 to 20, are chance if its seven actions are like ours
-# (claim X6). If ± is over the five runs, each method has a run near 0 (claim X8).
-# Reset-DQN's "competitive" mean is the lowest (claim X7). Sliding-DQN equals DQN,
+# (X6). If ± is over the five runs, each method has a run near 0 (X8).
+# Reset-DQN's "competitive" mean is the lowest (X7). Sliding-DQN equals DQN,
 # number for number, because no run fills its window. In the paper the two differ by
 # eight times GB-DQN's lead over DQN. That is what noise looks like.
 #
@@ -362,7 +364,7 @@ assert 0.75 < hits / 300 < 0.94
 #
 # The paper's five methods, with every setting that it gives, and ours where it gives
 # none (D13). Beside Frozen DQN stand two more controls, because GB-DQN differs from DQN
-# in *two* things (claim X10): **DQN-recency** is DQN with GB-DQN's replay,
+# in *two* things (X10): **DQN-recency** is DQN with GB-DQN's replay,
 # **GB-DQN-PER** is GB-DQN with DQN's replay.
 
 
@@ -389,8 +391,8 @@ assert tables["MountainCar"]["ensemble"][2] > 0
 # * **Frozen DQN** on Acrobot learns nothing about any drift, and four of its five seeds
 #   end beside DQN's. Gravity and mass hardly change which action is right.
 # * **Ensemble-DQN** on MountainCar is the one bar right of the line, with five networks
-#   in place of one. A mean removes what their errors do not share (claim C3).
-# * DQN's replay of 50,000 transitions can hold three of Acrobot's regimes (claim X14).
+#   for one. A mean removes what their errors do not share (C3).
+# * DQN's replay of 50,000 transitions can hold three of Acrobot's regimes (X14).
 #
 # How many pairs of runs would tell GB-DQN from DQN on Acrobot? The rule
 # $n \approx (2.8\, s / d)^2$ lets a test at 5 % find a difference d in 80 cases of 100:
@@ -495,8 +497,8 @@ assert high < 0
 # | GB-DQN outperforms all baselines | its means are the best, no difference is significant; run again, none to DQN is detected |
 # | it has lower variance | six of twelve baselines have a smaller standard deviation |
 # | it adapts faster, forgets less | no number is printed; on our CartPole it recovers from fewer drifts than DQN, and forgets more |
-# | the gain is not recency alone (claim X17) | no baseline has its replay; beside it, no gain of boosting is detected |
-# | the TD error shows drifts (claim X18) | all were announced (claim X24), and some are silent |
+# | the gain is not recency alone (X17) | no baseline has its replay; beside it, no gain of boosting is detected |
+# | the TD error shows drifts (X18) | all were announced (X24), and some are silent |
 #
 # No difference detected is not equality. A fair case for boosting needs drifts that
 # cost DQN more than a new start costs GB-DQN.
