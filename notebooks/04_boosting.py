@@ -434,8 +434,8 @@ assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 
 # %% [markdown]
 # Eq. 8 turns the best fit around and raises the very loss that it minimised (M12). With
-# the weights in both sums it cannot (T1-e). The package does so (D7), over the whole
-# buffer, since the α of one batch may raise the loss of the rest (T1-j).
+# the weights in both sums it cannot (T1-e). The package does so (D7), over all stored
+# transitions: the α of one batch may raise the loss of the rest (T1-j).
 #
 # ## Eq. 9 · Folding the booster in
 #

@@ -29,10 +29,10 @@ rng = np.random.default_rng(0)
 # %% [markdown]
 # ## A buffer through a drift
 #
-# GB-DQN draws some stored transitions more often than others: those with a high
-# **priority**. A large TD error δ raises it, and so does recency. The paper expects of
-# old data “high prediction error when evaluated in the new environment”, and of new
-# data a lower one.
+# GB-DQN draws some of its replay, or **buffer**, more often than the rest: transitions
+# with a high **priority**. A large TD error δ raises it, and so does recency. The paper
+# expects of old data “high prediction error when evaluated in the new environment”, and
+# of new data a lower one.
 #
 # An agent walks through the ten rooms at random: 10,000 steps with the goal in room 9.
 # Then the goal moves to room 0, and it walks 1,000 more.
@@ -286,7 +286,7 @@ assert [age(slot, 7, 5) for slot in range(5)] == ring.age(np.arange(5)).tolist()
 # the recency $e^{499 \alpha}$, though 1 should be the largest (R8, D5). It also keeps
 # $p_i$ until the transition is drawn again, so the recency in it does not decay.
 #
-# The package stores no recency. It draws an age: $\Pr(\text{age} \le k) =
+# The package draws an age instead: $\Pr(\text{age} \le k) =
 # (1 - e^{-\alpha (k + 1)})/(1 - e^{-\alpha N})$.
 #
 # **Exercise 2.** Solve it for k: at which age does a uniform random u land?
