@@ -4,7 +4,7 @@
 # You will be able to point from each printed line to its line of code, and say which
 # readings of the algorithm adapt, and by how much per booster.
 #
-# *Time: 30 minutes. Needs: notebooks 2, 4, 5 and 6; geometric sequences. With the paper
+# *Time: 29 minutes. Needs: notebooks 2, 4, 5 and 6; geometric sequences. With the paper
 # open: section “Algorithm”, Algorithm 1; Eqs. 1, 4, 5, 8 and 9.*
 #
 # **How to read this with the paper open.** Number the printed lines from “$h_m$: dqn
@@ -184,7 +184,7 @@ def rooms_after_the_drift(target, loss_on, alpha):
 pictures.beside(GBDQN.learn)
 
 # %% [markdown]
-# The same update, one sample after the other, without the cache:
+# The same update, one sample after the other, every network asked anew:
 
 # %%
 agent = table_agent(target="frozen", loss_on="h", replay="recency", batch_size=8)
@@ -217,7 +217,7 @@ assert np.allclose(agent.replay.tree.leaves[batch.index], anew, atol=1e-4)  # li
 # **Exercise 1.** Compute what the booster is to learn. By hand first: r = −1,
 # $\bar Q_{m-1}(s', \cdot)$ = (−5, −4), $Q_{m-1}(s,a) = -6$ and γ = 0.9 give y = −4.6
 # and the residual 1.4. If s′ is terminal, y = −1 and the residual is 5. The printed
-# line has no mask and gives 1.4 all the same (claim P4).
+# line has no factor for the end and gives 1.4 all the same (claim P4).
 
 
 # %%
@@ -321,9 +321,9 @@ for target, expected in (("live", [4, 4, 4, 4]), ("frozen", [4, 3, 3, 3])):
 # | 5 live with α = 1, then α = η | $Q' = Q + \eta(Q^* - Q)$ | 1 − η |
 #
 # Row 4, for example:
-# $Q' - Q^* = (1-\eta)(Q - Q^*) + \eta(\mathcal{T}Q' - \mathcal{T}Q^*)$, so
-# $e' \le (1-\eta)e + \eta\gamma e'$. Row 3 is the package's default; row 5 is no option
-# of it.
+# $Q' - Q^* = (1-\eta)(Q - Q^*) + \eta(\mathcal{T}Q' - \mathcal{T}Q^*)$. Let e be the
+# error of Q and e′ that of Q′. Then $e' \le (1-\eta)e + \eta\gamma e'$. Row 3 is the
+# package's default; row 5 is no option of it.
 #
 # **Exercise 2.** What does a perfect booster make of Q under each reading?
 

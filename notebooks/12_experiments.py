@@ -120,7 +120,7 @@ assert kept_up["length × 2"] == kept_up["gravity × 3"] == 500
 # networks half of their level. So measure what drifts cost before you compare methods:
 # `python -m gbdqn_ref drift-effect`.
 #
-# Physics are easily changed wrongly, too. CartPole's step uses products that are
+# It is easy to change physics wrongly. CartPole's step uses products that are
 # computed once. If you set `length` alone, you change half a pole:
 
 # %%
@@ -211,7 +211,7 @@ for agent in returns:
 # %% [markdown]
 # Three things to see. GB-DQN's *measures* after the last drift look excellent, because
 # its level before was so low: always read them beside the curve. Frozen DQN ends near
-# the best, four seeds of five, without having learnt anything about any drift. The last
+# the best with four seeds of five, and has learnt nothing about any drift. The last
 # regime is the first one again, so the final return asks for memory, not for adaptation
 # (X9). And which of them forgets?
 #
@@ -390,8 +390,8 @@ assert tables["MountainCar"]["ensemble"][2] > 0
 # * **GB-DQN** crosses the line in all three.
 # * **Frozen DQN** on Acrobot learns nothing about any drift, and four of its five seeds
 #   end beside DQN's. Gravity and mass hardly change which action is right.
-# * **Ensemble-DQN** on MountainCar is the one bar right of the line, with five networks
-#   for one. A mean removes what their errors do not share (C3).
+# * **Ensemble-DQN** on MountainCar is the one bar right of the line, with five
+#   networks. A mean removes what their errors do not share (C3).
 # * DQN's replay of 50,000 transitions can hold three of Acrobot's regimes (X14).
 #
 # How many pairs of runs would tell GB-DQN from DQN on Acrobot? The rule
@@ -438,9 +438,9 @@ assert (
 # %% [markdown]
 # On MountainCar the replay alone and boosting alone point in *opposite* directions, and
 # both intervals contain 0. Over all studies the replay helps detectably in three
-# places, boosting in none, and on CartPole it loses most of the return. The limits: of
-# 28 intervals, each too narrow, some miss the truth; the settings were tuned for DQN;
-# the long Hopper, with three seeds, does not count.
+# places, boosting in none, and on CartPole boosting loses most of the return. The
+# limits: of 28 intervals, each too narrow, some miss the truth; the settings were tuned
+# for DQN; the long Hopper, with three seeds, does not count.
 #
 # ## Which GB-DQN?
 #
