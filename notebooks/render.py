@@ -63,7 +63,6 @@ def read(path):
             "language": "python",
         }
     }
-    notebook.metadata["language_info"] = {"name": "python"}
     notebook.nbformat_minor = 5
     for k, cell in enumerate(notebook.cells):
         cell["id"] = f"cell-{k}"
@@ -113,7 +112,8 @@ def execute(notebook):
 
 
 def steady(notebook):
-    """Take away what differs from one run to the next: times and progress bars."""
+    """Take away what differs from run to run: times, progress bars, the version."""
+    notebook.metadata["language_info"] = {"name": "python"}
     for cell in notebook.cells:
         cell.metadata.pop("execution", None)
         if cell.cell_type == "code":
