@@ -135,7 +135,7 @@ def test_boosting_without_recency_gains_too():
 def rows(prediction, study=STUDY):
     """(task, figure said to be larger, the other, difference, verdict) of a prediction."""
     _, table = conclude.predictions(study)
-    return [row[1:] for row in table if row[0] == prediction]
+    return [row[1:] for row in table if row[0] == f"`{prediction}`"]
 
 
 def scored(prediction):

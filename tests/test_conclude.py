@@ -252,7 +252,7 @@ def predicted(**lead):
 def test_predictions_are_scored_by_their_rule():
     _, rows = conclude.predictions(study_of(predicted()))
     marks = [(row[0], row[-1]) for row in rows]
-    assert marks == [("P1", "holds"), ("P1", "holds"), ("P2", "holds"), ("P3", "holds")]
+    assert marks == [("`P1`", "holds"), ("`P1`", "holds"), ("`P2`", "holds"), ("`P3`", "holds")]
     assert [row[-2].split(" ")[0] for row in rows] == ["+10.0", "+15.0", "+26.5", "+30.0"]
     assert rows[0][3].startswith("reuse-told − dqn-drop: +20.0")
     assert rows[1][3].startswith("dqn-drop-adam − dqn-drop: +5.0")
@@ -263,7 +263,7 @@ def test_predictions_are_scored_by_their_rule():
     few = {arm: rows[:19] for arm, rows in predicted().items()}
     assert {row[-1] for row in conclude.predictions(study_of(few))[1]} == {"open"}
     worse = study_of(predicted(regimes=[-100.0, -110.0, -140.0, -140.0, -140.0]))
-    assert "P3 **fails**" in conclude.verdicts(worse)
+    assert "`P3` **fails**" in conclude.verdicts(worse)
 
 
 def test_what_tuning_chose(tmp_path):

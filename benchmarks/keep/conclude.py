@@ -377,7 +377,7 @@ def predictions(study):
             known = len(x) >= enough and not low <= 0 <= high
             verdict = ("holds" if low > 0 else "fails") if known else "open"
             both = [f"{name}: {words(z)}" for name, z in ((larger, x), (smaller, y))]
-            table.append([id, task, *both, words(x - y), verdict])
+            table.append([f"`{id}`", task, *both, words(x - y), verdict])
     return ["", "task", "said to be larger", "than", "difference", "verdict"], table
 
 
@@ -421,11 +421,12 @@ def verdicts(study):
     tasks = {task for task, each in study.protocol.tasks.items() if "oracle" in each["parts"]}
     lines = []
     for each in study.protocol.content.get("predictions", []):
-        marks = {row[-1] for row in rows if row[0] == each["id"]}
-        everywhere = {row[1] for row in rows if row[0] == each["id"]} == tasks
+        name = f"`{each['id']}`"
+        marks = {row[-1] for row in rows if row[0] == name}
+        everywhere = {row[1] for row in rows if row[0] == name} == tasks
         holds = marks == {"holds"} and everywhere
         verdict = "fails" if "fails" in marks else "holds" if holds else "open"
-        lines.append(f"- {each['id']} **{verdict}**: {each['says']}.")
+        lines.append(f"- {name} **{verdict}**: {each['says']}.")
     return "\n".join(lines)
 
 
