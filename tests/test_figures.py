@@ -17,8 +17,8 @@ from gbdqn_ref import stats
 FOLDER = Path(__file__).parent.parent / "site" / "figures"
 sys.path.insert(0, str(FOLDER))
 with plt.rc_context():  # the look of the lesson's pictures stays there
-    import curves
     import frames
+    import learning_curves as curves
     from pictures import instrument
 
 KILOBYTE = 1_000
@@ -584,7 +584,7 @@ def test_the_curves_tell_ask_and_obey(open_page):
     assert words(page).endswith("No agent is switched on.")
     press(page, "GB-DQN-reuse")
     slide(page, "episode", "Home")
-    first = curves.said(f"{curves.curve(study, task, 'reuse')[0, 0]:.0f}")
+    first = curves.signed(f"{curves.curve(study, task, 'reuse')[0, 0]:.0f}")
     said = f"Episode {curves.WINDOW - 1}, motor right. Returns, the highest first: GB-DQN-reuse"
     assert words(page) == f"{said} {first}."
     slide(page, "episode", "ArrowRight")

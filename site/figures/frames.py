@@ -19,7 +19,7 @@ FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER.parents[1] / "notebooks"))  # where lesson and pictures are
 sys.path.insert(0, str(FOLDER))
 
-import curves  # noqa: E402
+import learning_curves  # noqa: E402
 from lesson import FROZEN, GAMMA, LEARNER, svg  # noqa: E402
 from pictures import theorem_1  # noqa: E402
 from pictures.instrument import RIGHT_WAY, boosted, instrument, right_rooms  # noqa: E402
@@ -235,7 +235,7 @@ def picture(figure, alt):
 def parts(name):
     """The figure's HTML with places for claims, with all else filled in."""
     ours = dict(rooms=rooms, parabola=parabola, replay=replay, theorem=theorem)
-    return filled(name, *(ours | dict(curves=curves.figure))[name]())
+    return filled(name, *(ours | dict(curves=learning_curves.figure))[name]())
 
 
 def filled(name, text, frames, pictures):
