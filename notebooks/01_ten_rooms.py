@@ -4,18 +4,18 @@
 # After this notebook you can compute Q on ten rooms, by hand and by walking, and say
 # what the TD error shows when the goal moves, and what it does not.
 #
-# *Time: 21 minutes. Needs: Python, the geometric series and, for one folded proof, the
+# *Time: 22 minutes. Needs: Python, the geometric series and, for one folded proof, the
 # triangle inequality. With the paper open: section “Introduction”, first two
 # paragraphs.*
 #
 # The paper is *GB-DQN: Gradient Boosted DQN Models for Non-stationary Reinforcement
 # Learning* (arXiv 2512.17034). DQN is short for deep Q-network; Q comes below.
 #
-# **How to read this with the paper open.** Read those two paragraphs now, and again at
-# the end. The paper's $Q$, $r$, $\gamma$ and $\max_{a'}$ are ours. It calls Q a value
-# function and our drift “model drift”, and it says that a drift leaves old value
-# functions “systematically biased”. Ask at the end: where is Q biased, and where does
-# the TD error show it?
+# **How to read this with the paper open.** Read those two paragraphs now, without
+# minding the words that you do not know, and again at the end. By then you will know
+# that the paper's “value function” is our Q, and its “model drift” our drift. It says
+# that a drift leaves old value functions “systematically biased”. The summary says
+# where.
 
 # %%
 import numpy as np
@@ -243,6 +243,7 @@ print("all five are correct in all rooms after", all_correct, "episodes")
 # %% [markdown]
 # <details><summary>Why a seed can lose rooms again</summary>
 #
+# Seed 0 is correct everywhere after 20 episodes and has lost two rooms after 50.
 # Learning goes on after a room is correct. Q starts at 0, above Q*, and falls to it.
 # The action that is walked more often falls sooner. For a while the other one looks
 # better, until it has been tried and has fallen too.
@@ -285,12 +286,13 @@ show(
 )
 
 # %% [markdown]
-# Every room has to turn around, and only two of them notice. In room 1 going left is a
-# good surprise. In room 9, where the walk used to end, every step is a bad one. Room 8
-# is silent: before, nothing came after room 9; now the Q there is 0, which is the same.
-# In room 5 nothing seems wrong: its Q agrees with the Q of rooms 4 and 6, which are
-# just as outdated. **The TD error looks one step ahead. It shows where Q contradicts
-# itself, not where Q is wrong.** The news must travel from room to room.
+# None of the nine is correct: every room has to turn around. (In room 9 left and right
+# tie, and a tie does not count.) Only two of them notice, rooms 1 and 9. In room 1
+# going left is a good surprise. In room 9, where walks used to end, every step is a bad
+# one. Room 8 is silent: before, nothing came after room 9; now the Q there is 0, which
+# is the same. In room 5 nothing seems wrong: its Q agrees with the Q of rooms 4 and 6,
+# which are just as outdated. **The TD error looks one step ahead. It shows where Q
+# contradicts itself, not where Q is wrong.** The news must travel from room to room.
 #
 # ## How much does a TD error tell?
 #
@@ -307,9 +309,11 @@ print(f"at γ = 0.9 it would be:    {y - 1 / (1 - 0.9):.1f}")
 assert y - q_before == 0 and np.isclose(y - 1 / (1 - 0.9), -8)
 
 # %% [markdown]
-# Another world, and no TD error, neither above 0 nor below (C1). Codes like C1 lead to
-# our [ledger](../paper_checks/README.md) of the paper's claims, where each has its
-# proof or test.
+# Another world, and no TD error, neither above 0 nor below. This refutes the sentence,
+# and no more: the values have not changed either, so nothing has to be learnt anew. At
+# γ = 0.9 the same change does change them, and δ shows it. (Claim C1. Codes like this
+# one lead to our [ledger](../paper_checks/README.md) of the paper's claims, where each
+# has its proof or test.)
 #
 # What does hold is a bound in both directions (C2). Write $\Delta Q^*$ for the new Q*
 # minus the old one. Write $\lVert x \rVert_\infty$ for the largest absolute entry of
@@ -321,23 +325,24 @@ assert y - q_before == 0 and np.isclose(y - 1 / (1 - 0.9), -8)
 #
 # <details><summary>Proof</summary>
 #
-# Let $TQ$ be Q after one sweep of the new world, so that $T Q^*_{new} = Q^*_{new}$. Then
-# $\delta = T Q^*_{old} - Q^*_{old} = (T Q^*_{old} - T Q^*_{new}) + \Delta Q^*$. In the
-# bracket the rewards cancel. What remains is γ times the difference of the two maxima
-# in the next state (or its mean, if several next states are possible). And
+# Let $TQ$ be Q after one sweep of the new world, so that $T Q^*_{new} = Q^*_{new}$.
+# Then $\delta = T Q^*_{old} - Q^*_{old} = (T Q^*_{old} - T Q^*_{new}) + \Delta Q^*$.
+# Both terms of the bracket have the new world's rewards, which cancel. What remains is
+# γ times the difference of the two maxima in the next state (or its mean, if several
+# next states are possible). And
 # $|\max a - \max b| \le \max |a - b|$. So the bracket is at most
 # $\gamma \lVert \Delta Q^* \rVert_\infty$. The triangle inequality gives both sides.
 #
 # In the same way one sweep shrinks the distance of any two Q to at most γ times what it
-# was. Two that are their own targets keep their distance. So it is 0.
+# was. If both are their own targets, a sweep leaves them where they are: their distance
+# $d$ is at most $\gamma d$, and so it is 0.
 #
 # </details>
 #
 # So complete silence is harmless: if δ is 0 at every pair, Q* has not changed, and
-# there is nothing to relearn. (With another γ there may be, as the example shows.) And
-# if Q* has changed, some δ is not 0; in that sense the paper is right. But the bound is
-# about the old Q* and the largest |δ| over *all* pairs. A walking agent sees only the
-# pairs that it visits.
+# there is nothing to relearn. And if Q* has changed, some δ is not 0; in that sense the
+# paper is right. But the bound is about the old Q* and the largest |δ| over *all*
+# pairs. A walking agent sees only the pairs that it visits.
 #
 # At γ = 0.9 the sides are a factor of 19 apart: a largest TD error of 1 may mean that
 # Q* has moved by 0.53 or by 10. We try the bound on random worlds, and on one where its
@@ -345,8 +350,8 @@ assert y - q_before == 0 and np.isclose(y - 1 / (1 - 0.9), -8)
 #
 # `MDP` is any finite world (a Markov decision process, **MDP**): `P` holds the
 # probabilities of the next states, `r` the rewards. A step may have several outcomes;
-# then targets and Q* are averages over them. `q_star()` is Q*, and `residual(Q)` is the
-# package's name for the TD error of all of Q, at every pair.
+# then targets and Q* are averages over them. `q_star()` is Q*. `residual(Q)` is the TD
+# error of Q at every pair; notebook 2 says why the package calls it so.
 
 # %%
 rng = np.random.default_rng(0)
@@ -377,9 +382,9 @@ assert (dearer.q_star().argmax(1) == before.q_star().argmax(1)).all()
 # %% [markdown]
 # In that last world every TD error is negative. Every value moved by 10, and no action
 # changed: what is added everywhere is no reason to act differently. (Where walks end,
-# it can be one: a cost per step favours short walks.) **A drift of the values need not
-# be a drift of the policy.** An experiment can tell methods apart only if its drifts
-# change what to do.
+# it can be a reason: a cost per step favours short walks.) **A drift of the values need
+# not be a drift of the policy.** An experiment can tell methods apart only if its
+# drifts change what to do.
 
 # %% tags=["checks"]
 assert np.isclose(discounted([-1] * 500, GAMMA), -10)  # always to the left
@@ -398,7 +403,8 @@ assert delta[1, LEFT] > 5 and (delta[9] < 0).all() and delta[1, RIGHT] == 0
 #
 # Q(s, a) is the return of taking $a$ in $s$ and acting well afterwards. An agent learns
 # it by moving Q towards the target $y = r + \gamma \max_{a'} Q(s', a')$, or $y = r$ at
-# the end. When the goal moves, all nine rooms must turn, but the TD error shows in two.
+# the end. When the goal moves, the old Q is wrong in all nine rooms, and the TD error
+# shows in two: where Q contradicts the new world one step ahead.
 # In the next notebook you decide what to do with the old Q: write over it, or freeze
 # it.
 #

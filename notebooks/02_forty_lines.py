@@ -5,14 +5,14 @@
 # table. You know what freezing does to a table, and why Algorithm 1, taken to the
 # letter, does not adapt.
 #
-# *Time: 24 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
+# *Time: 25 minutes. Needs: notebook 1. With the paper open: section “Gradient Boosted
 # DQN”, Eqs. 1 and 4, and Algorithm 1.*
 #
 # **How to read this with the paper open.** Eq. 1 is what you will write: its last term
 # is your `h`, the rest your `frozen`. Eq. 4 is what `h` moves towards. Go through
-# Algorithm 1 with a pencil and mark every $Q_{m-1}$ and every $\bar Q_{m-1}$: there
-# your switch `live` will decide. Lines 11, 13, 14 and 18 belong to notebook 6. No line
-# says how a drift is noticed, and none computes $\alpha_m$ (A3, A4).
+# Algorithm 1 with a pencil and mark every $Q_{m-1}$ and every $\bar Q_{m-1}$: you will
+# need these marks in the section “To the letter”. Lines 11, 13, 14 and 18 belong to
+# notebook 6. No line says how a drift is noticed (A4).
 
 # %%
 import numpy as np
@@ -68,11 +68,10 @@ from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 # $m$ counts the stages, and $\alpha_m$ says how much of $h_m$ is added.
 #
 # The residual $y$ − frozen is what $h$ should become. The step that $h$ takes is
-# rate · (residual − $h$). If $y$ is made from frozen + $h$, that bracket is the TD
-# error of Q = frozen + $h$.
+# rate · (residual − $h$).
 #
-# > **Predict.** Which way turns around faster? Write down a number for each: after how
-# > many episodes does the agent go left from all nine rooms?
+# > **Predict.** Which way turns around faster, or is there no difference? Write down a
+# > number for each: after how many episodes does the agent go left from all nine rooms?
 #
 # ## Write it
 #
@@ -80,9 +79,9 @@ from gbdqn_ref.tabular import MDP  # any finite world, as in notebook 1
 # If `live` is True, the agent acts by frozen + h and makes its targets from it. If
 # False, from frozen alone; we need that further down.
 #
-# γ is the global `GAMMA`. There is no `target` on this page: write $y$ out, or take ours
-# by `from exercises.ten_rooms import target`. `drift` may change the tables in place or
-# make new ones, as long as `h` is all 0 afterwards.
+# γ is the global `GAMMA`. There is no `target` on this page: write $y$ out, or take
+# ours by `from exercises.ten_rooms import target`. `drift` may change the tables in
+# place or make new ones, as long as `h` is all 0 afterwards.
 
 
 # %%
@@ -132,8 +131,9 @@ def train(agent, goal, episodes, rng):
 
 
 # %% [markdown]
-# That is GB-DQN on a table: `step`, your class and `train`, together forty lines. One
-# file has them, ready to run: [`forty_lines.py`](forty_lines.py).
+# That is GB-DQN on a table: `step`, your class and `train`, together forty lines. Close
+# this page and write them once from memory. Then compare:
+# [`forty_lines.py`](forty_lines.py) has them in one file that runs.
 #
 # ## Go on, or freeze?
 
@@ -171,8 +171,10 @@ gap = max(
 print(f"largest difference between the two Qs after 300 episodes: {gap:.0e}")
 
 # %% [markdown]
-# The same. Not similar: the same number of rooms each time, with every seed. The two Qs
-# differ by rounding alone. Look at what `learn` does to the sum:
+# The same. Not similar: the same number of rooms each time, with every seed. After 50
+# episodes all nine have turned. The two Qs differ by rounding alone. Here $y$ is made
+# from frozen + $h$, so residual − $h$ is the TD error of the sum Q. Look at what
+# `learn` does to it:
 #
 # $$\text{frozen} + h + \text{rate}\cdot(y - \text{frozen} - h)
 #   \;=\; Q + \text{rate}\cdot(y - Q) .$$
@@ -192,8 +194,9 @@ show(
 )
 
 # %% [markdown]
-# (Q(8, right) and Q(9, right) end below −6.51, the lowest Q* in the new world. There
-# going right was tried too seldom to recover.)
+# (In the picture, of seed 0, Q(8, right) and Q(9, right) end below −6.51, the lowest Q*
+# of the new world. They fell too low while the targets came from rooms that were too
+# low themselves, and going right is tried too seldom there to recover.)
 #
 # ## To the letter
 #
@@ -204,15 +207,16 @@ show(
 # algorithm disagree (A1), and the code can do both (D6). (D is for what our code
 # decides or does differently.)
 #
-# The bar marks a delayed copy of a network. Neither bar nor softmax matters here. The
-# frozen part does not move, so nothing that $h$ learns can change the choice, and the
-# copy is soon equal.
+# The bar marks a delayed copy of a network. Neither bar nor softmax matters for how
+# many rooms are correct. The frozen part does not move, so nothing that $h$ learns can
+# change the choice, and the copy is soon equal.
 #
 # To follow the letter takes one line: `agent.live = False`, after the drift. Before the
-# first drift nothing is frozen, so the first learner is live under both readings (D8).
+# first drift the frozen part is 0 everywhere: an agent that acted by it would learn
+# nothing. So we let the first learner be live under both readings (D8).
 #
 # > **Predict.** How many rooms are correct after 300 episodes? And how many once $h$ is
-# > added?
+# > added? (Notebook 1 printed the TD errors of the old Q.)
 
 # %% tags=["predicted"]
 letter = [live_through(seed, freeze=True, live=False) for seed in range(SEEDS)]
@@ -240,10 +244,10 @@ show(
 # %% [markdown]
 # None, however long it lives. The agent walks by yesterday's map to where the goal used
 # to be, and stays about there. (It steps back from room 9, where yesterday's walks
-# ended: left and right tie at 0 there, and `argmax` takes left.) The targets that $h$ is
-# fitted to come from yesterday's map too. So $h$ has learnt what notebook 1 drew, the
-# TD error of the old Q: large in (1, left), negative in room 9, 0 elsewhere. When $h$
-# is added at last, room 1 turns, and room 9 prefers right.
+# ended: left and right tie at 0 there, and `argmax` takes left.) The targets that $h$
+# is fitted to come from yesterday's map too. So $h$ has learnt what notebook 1 drew,
+# the TD error of the old Q: large in (1, left), negative in room 9, 0 elsewhere. When
+# $h$ is added at last, room 1 turns, and room 9 prefers right.
 #
 # ## How many boosters would it take?
 #
@@ -316,7 +320,8 @@ show(
 )
 
 # %% [markdown]
-# Ten drifts, or eighty-two, before the agent has answered the first one. (At the
+# Ten boosters, or eighty-two. One comes with each drift. If the goal stayed in room 0
+# all the while, ten drifts would have to pass before the first one is answered. (At the
 # paper's γ = 0.99 it is 10 or 80.) There are two reasons. The news of the new goal
 # travels one room per backup (B8). And the promise of the old goal is withdrawn slowly:
 # room 9 was worth 0, and each backup lowers it by one more discounted step at most. The
@@ -324,10 +329,13 @@ show(
 #
 # <details><summary>Why 10 and not 9, at α = 1</summary>
 #
-# The news reaches room k with booster k. Up to room 4 the room turns at once. From room
-# 5 on, the promise of the old goal has by then sunk to the same k steps: left and right
-# tie. The next booster lowers the promise again, and the room turns. So booster 5 turns
-# no room, and booster 10 turns room 9.
+# After k boosters Q looks k steps ahead. The news of the new goal, k steps to the left,
+# reaches room k with booster k. Up to room 4, k steps to the right do not reach room 9:
+# what waits there is an old value that still expects more steps, so left wins and the
+# room turns at once. From room 5 on, k steps to the right can reach room 9, where the
+# old Q promised an end. Then right, too, looks like k steps of −1: a tie. The next
+# booster adds a step to the right side alone, and the room turns. So booster 5 turns no
+# room, and booster 10 turns room 9.
 #
 # </details>
 #
@@ -342,20 +350,21 @@ new = corridor(0).q_star()
 for agent, _ in froze:
     gap = np.abs(agent.q().max(1) - new.max(1))[1:].max()
     both = np.abs(agent.q() - new)[1:].max()
-    print(f"from the new Q*: {gap:.0e} in the larger Q, {both:.2f} in both actions")
+    print(f"furthest from the new Q*: {gap:.0e} in the larger Q, {both:.2f} in any Q")
     assert gap < 0.01
 
 # %% [markdown]
 # Here is the instrument of the ten rooms. Above hangs Q, with what is left of the
 # residual; below stands the policy after each perfect booster, green where it is right.
-# In Jupyter, run the cell after the picture, and move frozen and live, h and αh, α, γ.
+# In Jupyter, run the cell after the picture, and move α, γ and the two switches: target
+# frozen or live, and whether the booster is fitted as $h$ or as $\alpha h$.
 
 # %% tags=["still"]
 show(
     instrument.instrument(5),
     alt="Q of both actions in each room after five boosts with a frozen target, and "
-    "the residual, left in rooms 4 to 9. Below, the policy after each boost: up to "
-    "boost 4 one more room turns left each time; boost 5 turns none.",
+    "the residual, which remains in rooms 4 to 9. Below, the policy after each boost: "
+    "up to boost 4 one more room turns left each time; boost 5 turns none.",
 )
 
 # %% tags=["slider", "live:rooms"]
