@@ -7,8 +7,6 @@ without further code.
 
 import io
 import json
-import zipfile
-import zlib
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ import numpy as np
 
 from . import UsageError
 from .config import Config
-from .files import check_shape, write_atomically
+from .files import DAMAGED, check_shape, write_atomically
 
 Arrays = dict[str, np.ndarray]
 
@@ -25,18 +23,6 @@ FORMAT = 1
 HEADER = {"format": (int,), "episodes": (int,), "config": (dict,)}
 REBUILT = {"config", "net", "memo"}  # a new agent has these, or computes them when needed
 GROWS = ("ensemble.", "alarms", "shelf", "returns", "recent", "turns")  # in their first axis
-
-DAMAGED = (
-    ValueError,
-    ArithmeticError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 def save(path: Path | str, agent: Any, episodes: int) -> None:

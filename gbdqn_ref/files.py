@@ -3,6 +3,8 @@
 import json
 import os
 import sys
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,6 +21,17 @@ except ImportError:  # Windows has no flock, so folders are not locked there
 Shape = Any  # {key: shape}, [shape of each element], or a tuple of types
 NUMBER = (int, float)
 ANY = (dict, list, str, int, float, bool, type(None))
+DAMAGED = (  # what reading a damaged file raises
+    ValueError,
+    ArithmeticError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def write_atomically(path: Path | str, write: Callable[[IO[bytes]], Any]) -> None:
@@ -100,7 +113,7 @@ def undamaged(path: Path | str) -> Iterator[None]:
     """Turn an error about the content of a file into a UsageError that names the file."""
     try:
         yield
-    except (ValueError, TypeError, RecursionError) as e:
+    except DAMAGED as e:
         raise UsageError(
             f"{path} is damaged ({e}); restore it or start a new run in another folder"
         ) from e

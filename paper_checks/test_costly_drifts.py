@@ -20,11 +20,9 @@ from gbdqn_ref.stats import iqm
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import calibrate
 import conclude
-from protocol import Protocol
-from study import RESULTS, Store, chosen
+from study import RESULTS
 
-STUDY = conclude.Study(Store(Protocol(tuned=chosen(RESULTS)), RESULTS))
-SEEDS = STUDY.protocol.looks["seeds"][0]
+STUDY = conclude.stored()
 TWINS = ("reuse-told", "twin-told"), ("reuse-told", "twin-told-adam")
 DETECTING_TWINS = ("reuse", "twin"), ("reuse", "twin-adam")
 
@@ -33,8 +31,8 @@ def leads(*pairs):
     """{task: the smallest lead over these pairs (seeds,)} on the tasks whose runs are complete."""
     found = {}
     for task in STUDY.tasks("oracle"):
-        each = [STUDY.difference(task, *pair) for pair in pairs]
-        if min(map(len, each)) >= SEEDS:
+        each = [STUDY.complete(task, *pair) for pair in pairs]
+        if all(map(len, each)):
             found[task] = min(each, key=iqm)
     return found
 
@@ -46,8 +44,7 @@ def above(x):
 
 def said(found):
     """The leads in words, task by task."""
-    each = (f"{LABELS[task]} {conclude.words(x)}" for task, x in found.items())
-    return conclude.signed(", ".join(each))
+    return ", ".join(f"{LABELS[task]} {conclude.words(x)}" for task, x in found.items())
 
 
 SHIFTED = np.linspace(-1, 1, 20)  # twenty differences around 0
@@ -141,15 +138,15 @@ def rows(prediction, study=STUDY):
 def scored(prediction):
     """The differences of a prediction in words, task by task."""
     each = (f"{LABELS[task]} {apart} ({verdict})" for task, *_, apart, verdict in rows(prediction))
-    return conclude.signed("; ".join(each))
+    return "; ".join(each)
 
 
 def marks(prediction, change):
     """The verdicts of a prediction on a study whose runs are changed: (arm, row) → row."""
     other = copy(STUDY)
     other.rows = {
-        (task, arm): {seed: change(arm, row) for seed, row in rows.items()}
-        for (task, arm), rows in STUDY.rows.items()
+        (task, arm): {seed: change(arm, row) for seed, row in runs.items()}
+        for (task, arm), runs in STUDY.rows.items()
     }
     return {verdict for *_, verdict in rows(prediction, other)}
 

@@ -192,7 +192,7 @@ def test_an_arm_and_its_oracle_differ_in_what_they_hear_only(arm):
 def test_regret_is_to_the_same_arm_with_an_oracle():
     arms = {"reuse": level(-140), "reuse-told": level(-130), "reuse-random": level(-170)}
     row = cells(conclude.hearing(study_of(arms)), CAR, "reuse")
-    assert row["minus the same arm, told"].startswith("-10.0 [")
+    assert row["minus the same arm, told"].startswith("−10.0 [")
     assert row["minus it with random alarms"].startswith("+30.0 [")
 
 
@@ -221,7 +221,7 @@ def test_what_the_null_costs_in_percent_of_the_span():
     arms["twin-adam"] = [run(-120.0 + lead) for lead in (-11, 5, -9, 3, -2)]
     table = conclude.nulls(study_of(arms, NULL))
     row = cells(table, NULL, "reuse")
-    assert row["% of the span, minus dqn-untold"] == "-3.3 [-3.3, -3.3]"
+    assert row["% of the span, minus dqn-untold"] == "−3.3 [−3.3, −3.3]"
     assert row["within 5 %"] == "yes" and cells(table, NULL, "dqn-drop")["within 5 %"] == "no"
     assert cells(table, NULL, "twin-adam")["within 5 %"] == "no", "its interval is wide"
     assert len(table[1]) == 3
@@ -234,8 +234,8 @@ def test_equal_steps_are_counted_from_the_first_event():
     returns = {"dqn-2000": long, "dqn-drop-2000": short}
     study = study_of({"dqn": [run(-175.0)], "dqn-drop": [run(-100.0)]}, returns=returns)
     row = cells(conclude.per_step(study), CAR, "dqn")
-    assert row["at equal episodes"] == "-75.0" and row["steps"] == "70,000"
-    assert row["at equal steps"] == "-60.0"
+    assert row["at equal episodes"] == "−75.0" and row["steps"] == "70,000"
+    assert row["at equal steps"] == "−60.0"
 
 
 def predicted(**lead):
@@ -316,7 +316,7 @@ def test_a_page_of_a_study_that_is_under_way(stored):
 
 
 def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
-    study = conclude.Study(Store(Protocol(tuned=chosen(stored)), stored))
+    study = conclude.stored(stored)
     figure = conclude.picture(study)
     left, right = figure.axes
     assert {text.get_text() for text in left.texts} == {"DQN", "GB-DQN-reuse"}
@@ -343,7 +343,7 @@ def test_the_stored_page_is_what_the_program_writes():
     if not (RESULTS / "rows.jsonl").exists():
         assert not page.exists() and not picture.exists() and not decide.PAGE.exists()
         return
-    study = conclude.Study(Store(Protocol(tuned=chosen(RESULTS)), RESULTS))
+    study = conclude.stored()
     assert page.read_text(encoding="utf-8") == conclude.page(study, RESULTS)
     assert picture.stat().st_size <= 300_000
     assert decide.PAGE.read_text(encoding="utf-8") == decide.page(study)
@@ -367,13 +367,14 @@ def test_the_stored_page_is_what_the_program_writes():
 def test_the_answer_is_against_the_better_twin(told, adam, reuse, answer):
     levels = {"dqn-drop": -150, "twin-told": told, "twin-told-adam": adam, "reuse-told": reuse}
     levels["gb-drop"] = -148
-    arms = {arm: [run(value + k % 3) for k in range(9)] for arm, value in levels.items()}
+    arms = {arm: [run(value + k % 3) for k in range(20)] for arm, value in levels.items()}
     for k, each in enumerate(arms["dqn-drop"]):
         each["value"] += (-1) ** k * 0.5
     found = decide.answer(study_of(arms))
     assert found.startswith(f"- **MountainCar.** {answer}. Over DQN that drops its data, ")
-    assert f"{reuse - max(told, adam):+.1f} [" in found.partition("twins")[2]
-    assert "a booster with nothing stored +1.9 [+1.5, +2.5]" in found
+    lead = conclude.words(np.full(20, float(reuse - max(told, adam))))
+    assert lead in found.partition("twins")[2]
+    assert "a booster with nothing stored +2.0 [+1.5, +2.5]" in found
 
 
 def test_a_gain_that_is_neither_ones_is_said_to_be_of_both():
@@ -401,6 +402,8 @@ def test_each_choice_has_its_difference_and_its_command():
     ]
     assert rows[0][2:6] == ["dqn-drop − dqn", "–", "+40.0 [+40.0, +40.0]", "–"]
     assert rows[0][-1] == "`--tasks TASK --arms dqn,dqn-drop`"
+    _, few = decide.table(study_of(arms | {"dqn": level(-190, 19)}))
+    assert few[0][2:6] == ["dqn-drop − dqn", "–", "–", "–"], "not before the first look"
     for row in rows:
         task, arms = re.search(r"--tasks TASK(\S*) --arms (\S+)`", row[-1]).groups()
         assert set(arms.split(",")) <= set(Protocol().arms_of(CAR + task)), row

@@ -203,6 +203,7 @@ def test_a_wrong_task_is_refused_in_one_line(tmp_path):
         ("rows.jsonl", b"{"),
         ("rows.jsonl", b"{}"),
         ("acrobot.npz", b"{"),
+        ("acrobot.npz", (study.RESULTS / "acrobot.npz").read_bytes()[:9_999]),
         ("acrobot-tuned.json", b"{"),
     ],
 )
@@ -269,12 +270,28 @@ def test_what_is_charted_of_a_run_without_a_drift(monkeypatch, tmp_path):
     assert calibrate.recorded("cartpole", tmp_path)["return"] == [arrays["return-3"].tolist()]
 
 
+def test_charted_files_that_are_missing_or_damaged(tmp_path):
+    """Also a file that is cut off, and one that lacks an array."""
+    path = tmp_path / "acrobot-charted.npz"
+
+    def refused(message):
+        with pytest.raises(UsageError, match=message):
+            calibrate.main(["levels", "--envs=acrobot", f"--results={tmp_path}"])
+
+    refused("there is no")
+    for content in (b"x", (calibrate.RESULTS / path.name).read_bytes()[:9_999]):
+        path.write_bytes(content)
+        refused(f"{path.name} is damaged")
+    np.savez(path, **dict.fromkeys(("return-0", "model-0", "model-1"), np.zeros(3)))
+    refused(f"{path.name} is damaged")
+
+
 @pytest.mark.parametrize(
-    ("envs", "content", "message"),
-    [("pong", None, "there is no"), ("acrobot", b"x", "acrobot-charted.npz")],
+    ("program", "name"), [("cartpole.py", "20.json"), ("forgetting.py", "acrobot-dqn-20.json")]
 )
-def test_charted_files_that_are_missing_or_damaged(tmp_path, envs, content, message):
-    if content:
-        (tmp_path / "acrobot-charted.npz").write_bytes(content)
-    with pytest.raises(UsageError, match=message):
-        calibrate.main(["levels", f"--envs={envs}", f"--results={tmp_path}"])
+def test_a_damaged_run_is_named_in_one_line(tmp_path, program, name):
+    (tmp_path / name).write_text("{", encoding="utf-8")
+    command = [sys.executable, KEEP / program, "table", f"--out={tmp_path}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"{program}: {tmp_path / name} is damaged")

@@ -13,13 +13,14 @@ its own span, by its stored greedy evaluation.
 """
 
 import argparse
+from collections import ChainMap
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from protocol import command
-from study import RESULTS
+from study import RESULTS, read_arrays
 
 from gbdqn_ref import UsageError, detect, files, runs, stats, train
 from gbdqn_ref.config import Config
@@ -78,8 +79,9 @@ def recorded(env, results):
     path = results / f"{env}-charted.npz"
     if not path.exists():
         raise UsageError(f"there is no {path}; `record` writes it")
-    with files.undamaged(path), np.load(path, allow_pickle=False) as arrays:
-        seeds = range(len(arrays) // len(SHOWN))
+    arrays = read_arrays(path)
+    seeds = range(len(arrays) // len(SHOWN))
+    with files.undamaged(path):
         return {s: [arrays[f"{s}-{seed}"].tolist() for seed in seeds] for s in SHOWN}
 
 
@@ -125,11 +127,11 @@ def table(results, envs):
     rows = [header, ["---"] * len(header)]
     for symptom, (name, shown) in SHOWN.items():
         known = {env: charted[env][symptom] for env in envs}
-        runs = {env: many(env, series) for env, series in known.items()}
+        drawn = {env: many(env, series) for env, series in known.items()}
         for level in shown:
             cells = [f"{name}, level {level:g}" if level == shown[0] else f"level {level:g}"]
             for env in envs:
-                rates = [false_alarms(symptom, x[env], level) for x in (runs, known)]
+                rates = [false_alarms(symptom, x[env], level) for x in (drawn, known)]
                 preset = Config.preset(env, "null")
                 bold = "**" if (preset.symptom, preset.alarm_level) == (symptom, level) else ""
                 cells.append(bold + "{:.2f} ({:.2f})".format(*rates) + bold)
@@ -146,10 +148,10 @@ def levels(env, results):
     print(f"\n{env}: always firing, {config.episodes} false alarms per run, all found in 1")
     print(f"at random {events} times, {events} false alarms per run, {by_chance:.2f} found in time")
     for symptom, series in recorded(env, results).items():
-        runs = many(env, series)
-        rates = {level: false_alarms(symptom, runs, level) for level in LEVELS}
+        drawn = many(env, series)
+        rates = {level: false_alarms(symptom, drawn, level) for level in LEVELS}
         good = next((level for level, rate in rates.items() if rate <= TARGET), None)
-        found = f": {by_size(runs, good, first, floor)}" if good and symptom == "return" else ""
+        found = f": {by_size(drawn, good, first, floor)}" if good and symptom == "return" else ""
         print(f"{symptom}: {good or 'no level'} meets {TARGET} per run{found}")
 
 
@@ -221,12 +223,11 @@ def main(arguments=None):
     envs = args.envs.split(",")
     if args.what == "record":
         args.results.mkdir(parents=True, exist_ok=True)
-        for env in envs:
-            with ProcessPoolExecutor(args.jobs) as pool:
-                found_here = pool.map(partial(record, env), range(SEEDS))
-                arrays = {name: x for each in found_here for name, x in each.items()}
-            save = partial(np.savez_compressed, **arrays)
-            files.write_atomically(args.results / f"{env}-charted.npz", save)
+        with ProcessPoolExecutor(args.jobs) as pool:
+            for env in envs:
+                arrays = dict(ChainMap(*pool.map(partial(record, env), range(SEEDS))))
+                save = partial(np.savez_compressed, **arrays)
+                files.write_atomically(args.results / f"{env}-charted.npz", save)
     elif args.what == "levels":
         print(table(args.results, envs))
         for env in envs:

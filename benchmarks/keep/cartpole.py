@@ -17,7 +17,6 @@ which lets returns decide between the old Q and the new, asks whether that loss 
 
 import argparse
 import copy
-import json
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import islice
@@ -25,6 +24,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from protocol import command
 
 from gbdqn_ref import bellman, files, stats, train
 from gbdqn_ref.config import Config
@@ -177,7 +177,7 @@ def table(out):
     The mean returns of the first and of the last episodes, the difference of the latter to DQN's
     with its 95 % interval, and the share of dormant units at the end.
     """
-    seeds = [json.loads(path.read_text()) for path in sorted(out.glob("[0-9]*.json"))]
+    seeds = [files.read_json(path) for path in sorted(out.glob("[0-9]*.json"))]
     return [
         f"| {arm} | {cells(seeds, 'null', arm)} | {cells(seeds, 'gravity', arm)} |" for arm in ARMS
     ]
@@ -216,4 +216,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

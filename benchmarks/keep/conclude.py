@@ -109,6 +109,11 @@ class Study:
         """Arm minus other on the same seeds."""
         return np.subtract(*self.values(task, arm, other))
 
+    def complete(self, task, arm, other):
+        """Their difference, or nothing before both have the seeds of the first look."""
+        x = self.difference(task, arm, other)
+        return x if len(x) >= self.protocol.looks["seeds"][0] else x[:0]
+
     def curves(self, task, arm):
         """{seed: returns (episodes,)} of a decisive arm; a diverged run counts as random."""
         stored, found = self.returns.get(task, {}), {}
@@ -118,6 +123,12 @@ class Study:
             elif "diverged" in row and arm in self.protocol.content["decisive"]:
                 found[seed] = np.full(self.config(task, arm).episodes, row["value"])
         return found
+
+
+def stored(results=RESULTS, protocol=FILE):
+    """The study in a folder; what it has not tuned has the settings that are tuned here."""
+    tuned = chosen(RESULTS) | chosen(results)
+    return Study(Store(Protocol(protocol, tuned), results))
 
 
 def exact_interval(k, n, level=0.95):
@@ -160,7 +171,7 @@ def words(x):
     if not len(x):
         return "–"
     ends = " [{:+z.1f}, {:+z.1f}]".format(*interval(x)) if len(x) > 1 else ""
-    return f"{stats.iqm(x):+z.1f}{ends}"
+    return signed(f"{stats.iqm(x):+z.1f}{ends}")
 
 
 def signed(text):
@@ -552,9 +563,7 @@ def main(arguments=None):
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
-    study = Study(
-        Store(Protocol(args.protocol, chosen(RESULTS) | chosen(args.results)), args.results)
-    )
+    study = stored(args.results, args.protocol)
     text = page(study, args.results).encode()
     files.write_atomically(args.results / "README.md", lambda file: file.write(text))
     if drawn(study):

@@ -8,9 +8,9 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from conclude import Study, interval, markdown, signed, words
-from protocol import FILE, Protocol, command
-from study import RESULTS, Store, chosen
+from conclude import interval, markdown, signed, stored, words
+from protocol import FILE, command
+from study import RESULTS
 
 from gbdqn_ref import files, stats
 from gbdqn_ref.schedule import LABELS
@@ -60,7 +60,7 @@ def table(study):
     for known, choices in SITUATIONS.items():
         for what, arm, other, part in choices:
             suffix = "-null" if part == "null" else ""
-            cells = [words(study.difference(env + suffix, arm, other)) for env in envs]
+            cells = [words(study.complete(env + suffix, arm, other)) for env in envs]
             again = AGAIN.format(f"TASK{suffix}", f"{other},{arm}")
             rows.append([known, what, f"{arm} − {other}", *cells, f"`{again}`"])
             known = ""
@@ -71,10 +71,10 @@ def answer(study):
     """A line for each environment whose runs are complete: what gains there."""
     lines = []
     for env in study.tasks("oracle"):
-        gains = [study.difference(env, twin, "dqn-drop") for twin in TWINS]
-        leads = [study.difference(env, "reuse-told", twin) for twin in TWINS]
-        both = study.difference(env, "reuse-told", "dqn-drop")
-        alone = study.difference(env, "gb-drop", "dqn-drop")
+        gains = [study.complete(env, twin, "dqn-drop") for twin in TWINS]
+        leads = [study.complete(env, "reuse-told", twin) for twin in TWINS]
+        both = study.complete(env, "reuse-told", "dqn-drop")
+        alone = study.complete(env, "gb-drop", "dqn-drop")
         if all(map(len, [*gains, *leads, alone])):
             k = int(np.argmax(stats.iqm(gains)))  # the better twin
             lines.append(f"- **{LABELS[env]}.** {verdict(gains[k], leads[k], both, alone)}")
@@ -125,7 +125,7 @@ def readme(study, text):
 def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
-    return signed(text.format(answer=answer(study), table=markdown(table(study))))
+    return text.format(answer=answer(study), table=markdown(table(study)))
 
 
 def main(arguments=None):
@@ -135,7 +135,7 @@ def main(arguments=None):
     parser.add_argument("--page", type=Path, default=PAGE)
     parser.add_argument("--readme", type=Path, default=ROOT / "README.md")
     args = parser.parse_args(arguments)
-    study = Study(Store(Protocol(args.protocol, chosen(args.results)), args.results))
+    study = stored(args.results, args.protocol)
     texts = {
         args.page: page(study),
         args.readme: readme(study, args.readme.read_text(encoding="utf-8")),

@@ -14,14 +14,13 @@ and no size of the neighbourhoods does well on both tasks.
 """
 
 import argparse
-import json
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import primary
+from protocol import command, primary
 
 from gbdqn_ref import drift, files, stats, train
 from gbdqn_ref.config import Config
@@ -113,7 +112,7 @@ def table(out):
 def stored(out, env, arm):
     """{seed: measures} of the runs that are stored."""
     paths = out.glob(f"{env}-{arm}-[0-9]*.json")
-    return {int(path.stem.split("-")[-1]): json.loads(path.read_text()) for path in paths}
+    return {int(path.stem.split("-")[-1]): files.read_json(path) for path in paths}
 
 
 def main():
@@ -132,4 +131,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    command(main)

@@ -13,6 +13,7 @@ as they go on, and a run whose row is stored is not trained again, on whatever m
 """
 
 import argparse
+import io
 import json
 from concurrent.futures import Executor
 from functools import partial
@@ -130,8 +131,7 @@ class Store:
         self.returns = {}  # {task: {"ARM-SEED": returns}}
         for task in protocol.tasks:
             if (path := self.folder / f"{task}.npz").exists():
-                with files.undamaged(path), np.load(path, allow_pickle=False) as arrays:
-                    self.returns[task] = dict(arrays)
+                self.returns[task] = read_arrays(path)
 
     def collect(self, out):
         """Add the runs in a folder that are complete, write everything, and drop the checkpoints.
@@ -170,6 +170,13 @@ class Store:
         for task, returns in self.returns.items():
             save = partial(np.savez_compressed, **dict(sorted(returns.items())))
             files.write_atomically(self.folder / f"{task}.npz", save)
+
+
+def read_arrays(path):
+    """{name: array} of an npz file; UsageError names one that is damaged."""
+    content = io.BytesIO(path.read_bytes())  # of a path NumPy leaves a damaged file open
+    with files.undamaged(path), np.load(content, allow_pickle=False) as arrays:
+        return dict(arrays)
 
 
 def row(config, records, returns, agent):

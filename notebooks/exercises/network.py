@@ -1,4 +1,4 @@
-"""The exercises of notebook 14: the network, its gradient and its optimiser."""
+"""The exercises of notebook 14: the network, its gradient and its optimizer."""
 
 import numpy as np
 

@@ -1,5 +1,5 @@
 "use strict";
-// The learning curves of the study of what to keep. Every number comes from curves.py: a curve is a
+// The learning curves of the study of what to keep. Every number comes from learning_curves.py: a curve is a
 // list of whole numbers, each as its difference to the one before.
 live.curves = {
   line(steps) {

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "keep"))
 
-from conclude import DRAWN, Study, colour, interval, signed, words
-from protocol import FILE, Protocol
-from study import RESULTS, WINDOW, Store, chosen
+import conclude
+from conclude import DRAWN, colour, interval, signed, words
+from study import WINDOW
 
 from gbdqn_ref import stats
 from gbdqn_ref.schedule import LABELS
@@ -32,18 +32,18 @@ ANSWERS = "with", "without", "undecided"  # which twin may be ahead
 @cache
 def stored():
     """The study as it is stored."""
-    return Study(Store(Protocol(FILE, chosen(RESULTS)), RESULTS))
+    return conclude.stored()
 
 
 def arms(study):
-    """{task: its arms that can be drawn}, where reuse can be compared with a twin."""
+    """{task: its arms that can be drawn}, where reuse and a twin are complete."""
     found = {
         task: [arm for arm in ARMS if study.curves(task, arm)] for task in study.tasks("oracle")
     }
     return {
         task: there
         for task, there in found.items()
-        if "reuse" in there and not {*TWINS}.isdisjoint(there)
+        if any(len(study.complete(task, "reuse", twin)) for twin in TWINS)
     }
 
 
@@ -112,7 +112,8 @@ def claim(study, tasks):
 
 def answer(study, task, there):
     """What reuse's boosters bring over the better of its twins, and what may be said of it."""
-    leads = {arm: study.difference(task, "reuse", arm) for arm in TWINS if arm in there}
+    leads = {arm: study.complete(task, "reuse", arm) for arm in TWINS if arm in there}
+    leads = {arm: lead for arm, lead in leads.items() if len(lead)}
     twin, lead = min(leads.items(), key=lambda each: stats.iqm(each[1]))
     low, high = interval(lead)
     right = ANSWERS[0 if low > 0 else 1 if high < 0 else 2]
@@ -122,7 +123,7 @@ def answer(study, task, there):
         "undecided": "The interval contains 0: no difference is detected.",
     }[right]
     better = "the better twin, " if len(leads) > 1 else ""
-    brought = f"Boosters bring {signed(words(lead))} over {better}{ARMS[twin][0]}."
+    brought = f"Boosters bring {words(lead)} over {better}{ARMS[twin][0]}."
     return dict(right=right, why=f"{brought} {end}")
 
 
