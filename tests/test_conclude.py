@@ -227,6 +227,23 @@ def test_what_the_null_costs_in_percent_of_the_span():
     assert len(table[1]) == 3
 
 
+def test_a_lead_on_the_held_out_schedule_has_its_sign_or_not():
+    """Dropped data are ahead on both, reuse on one; what is as good on one of them is open."""
+    arms = "dqn", "dqn-drop", "twin-adam", "reuse"
+    own, other = (
+        {arm: level(value) for arm, value in zip(arms, values, strict=True)}
+        for values in ((-190, -150, -150, -140), (-180, -160, -150, -170))
+    )
+    study = study_of(own)
+    study.rows |= study_of(other, "mountaincar-held-out").rows
+    _, rows = conclude.held_out(study)
+    assert [row[0] for row in rows] == [CAR] * 4
+    assert [row[-1] for row in rows] == ["the same", "open", "the opposite", "the opposite"]
+    assert rows[0][2:4] == ["+40.0 [+40.0, +40.0]", "+20.0 [+20.0, +20.0]"]
+    del study.rows[CAR, "reuse"][2003]
+    assert conclude.held_out(study)[1][2][2:] == ["–", "−10.0 [−10.0, −10.0]", "open"]
+
+
 def test_equal_steps_are_counted_from_the_first_event():
     """400 episodes of 100 steps are as many as 200 of 150 and 50 of 200, whose mean is 160."""
     long = np.concatenate([np.full(250, -1.0), np.full(200, -150.0), np.full(200, -200.0)])

@@ -48,6 +48,7 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
         ("detect, drop the data", "dqn-detected", "dqn-drop", "detected"),
         ("detect, drop, store, add one", "reuse", "dqn-detected", "detected"),
         ("the same, against one that is told", "reuse", "dqn-drop", "detected"),
+        ("the same, on the held-out schedule", "reuse", "dqn-drop", "held-out"),
         ("the same, where nothing changes", "reuse", "dqn-untold", "null"),
     ],
 }
@@ -59,7 +60,7 @@ def table(study):
     rows = []
     for known, choices in SITUATIONS.items():
         for what, arm, other, part in choices:
-            suffix = "-null" if part == "null" else ""
+            suffix = f"-{part}" if part in ("null", "held-out") else ""
             cells = [words(study.complete(env + suffix, arm, other)) for env in envs]
             again = AGAIN.format(f"TASK{suffix}", f"{other},{arm}")
             rows.append([known, what, f"{arm} − {other}", *cells, f"`{again}`"])
