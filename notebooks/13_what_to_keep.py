@@ -126,7 +126,7 @@ for goal in (0, 7):
 # **What Q is worth depends on how far the world has moved.** When the goal goes two
 # rooms back, most arrows of the old Q are correct, and a new Q is far behind. When it
 # goes to the other end, every arrow is wrong, and still the old Q costs no more
-# episodes: an episode that does not arrive has 100 steps to learn from. A network has
+# episodes: a failed episode still gives 100 transitions to learn from. A network has
 # one more reason to stay: what its layers have learnt of the states can serve another
 # goal.
 #
@@ -366,7 +366,7 @@ print("the model is first wrong in episode", *first)
 
 # %% [markdown]
 # S is silent, and rightly so: nothing got worse. A model of the
-# physics is not. Here it remembers where each action led the last time, and it is
+# physics does react. Here it remembers where each action led the last time, and it is
 # wrong when a step leads elsewhere. It does not care how well the agent does. It sees
 # only where the agent goes, and where physics are random it errs without a drift.
 #
@@ -417,9 +417,9 @@ keep = check("keep", keep)
 solution("keep")
 
 # %% [markdown]
-# The package's chart follows the returns as they come: it passes over 30 episodes,
-# takes 30 for a reference, and lets that follow. With it nobody needs to tell the
-# agent.
+# The package's chart follows the returns as they come: it skips 30 episodes, takes the
+# next 30 as its reference, and then updates it slowly. With it nobody needs to tell
+# the agent.
 
 
 # %%
@@ -462,8 +462,8 @@ for name, each in waits.items():
 
 # %% [markdown]
 # (Each number is one run.) Not much is lost. Alarm or change point is the same in
-# the ten rooms, where new data are cheap; where they are dear, the change point saves
-# them. But it is an estimate. With κ = ½ S may have left 0 at an ordinary bad episode
+# the ten rooms, where new data are cheap; where they are expensive, the change point
+# saves them. But it is an estimate. With κ = ½ S may have left 0 at an ordinary bad episode
 # before the drift, and then transitions of the old world stay. A few can hold a run up:
 # "room 8, right: the end" is drawn until it is diluted. Too early keeps what is stale,
 # too late throws away what is new.
@@ -526,7 +526,8 @@ for task in dict.fromkeys(task for task, _ in stored):
 # %% [markdown]
 # MountainCar first, whose motor is reversed and put right again. Agents that keep all
 # their data stay far behind. To drop them is the largest step. Stored networks alone
-# add little, with a booster on top they add more. And `reuse`, which nobody tells of
+# add little. With a booster on top they add more; the table below says how much of that
+# could be chance. And `reuse`, which nobody tells of
 # the drifts, is ahead of `dqn-drop`, which is told.
 #
 # Which of these differences are more than chance? Below stands what each choice brings,

@@ -2,7 +2,9 @@
 
 import copy
 import itertools
+import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -544,3 +546,14 @@ def test_an_evaluation_is_repeatable_and_leaves_the_agent_unchanged():
     assert state_bytes(agent) == before
     assert returns.tolist() == evaluate(agent, env, 5, seed=3).tolist() and returns.shape == (5,)
     assert env.unwrapped.length == 1.0, "the physics of episode 0"
+
+
+def test_the_loop_that_the_docs_show_trains_an_agent():
+    """docs/use.md, "In your own environment", stopped after 30 episodes."""
+    text = Path(__file__).parents[1].joinpath("docs", "use.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(import gymnasium.*?)```", text, re.DOTALL)
+    shown = {}
+    code = code.replace("range(100)", "range(30)")
+    exec(code.replace("Config(", "Config(learning_starts=100, "), shown)
+    agent = shown["agent"]
+    assert shown["deltas"] and 100 < agent.steps == len(agent.replay) == agent.episode_start

@@ -258,7 +258,7 @@ def test_what_is_charted_of_a_run_without_a_drift(monkeypatch, tmp_path):
     )
     few = Config.from_dict(few.to_dict() | dict(episodes=8, hidden=[8], schedule=[]))
     monkeypatch.setattr(calibrate.Config, "preset", lambda *args, **values: few)
-    arrays = calibrate.record("cartpole", 3)
+    arrays = calibrate.record("cartpole", "null", 3)
     records = list(train.run(few))
     assert arrays["return-3"].tolist() == [-each["return"] for each in records]
     known = [each["td_error"] for each in records if each["td_error"] > 0]

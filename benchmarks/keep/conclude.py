@@ -284,13 +284,15 @@ def adaptation(study, task):
         stock = [k for k, regime in enumerate(config.regimes[1:]) if not regime.drifted]
         losses = [lost(x, config) for x in study.curves(task, arm).values()]
         drop, area = np.array([each for each in losses if each]).reshape(-1, 2).T
-        back = stats.median_recovery([k for row in rows for k in row["recovery"]])
         (first,) = study.values(task, arm, of="first")
         again = study.values(task, arm, of=mean_of("first", stock))[0] if stock else []
         every = [row["evaluation"] for row in rows if row["evaluation"]]
         forgotten = middle([np.mean(stats.forgetting(each)) for each in every])
         levels = [middle(drop, "z.0%"), middle(first), middle(area, "z.0%")]
-        recovered = "never" if back is None else f"{back:g}"
+        recovered = "–"
+        if fell := [k for row in rows for k in row["recovery"] if k != 0]:
+            back = stats.median_recovery(fell)
+            recovered = "never" if back is None else f"{back:g}"
         table.append([arm, *levels, recovered, middle(again), forgotten])
     names = ["drop", f"first {EDGE}", "area lost", "recovered after", "back in stock", "forgotten"]
     return ["arm", *names], table

@@ -19,35 +19,38 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
 AGAIN = "--tasks {} --arms {}"  # of study.py report
-TWINS = "twin-told", "twin-told-adam"  # Adam kept, or restarted
+TWINS = ("twin-told", "twin"), ("twin-told-adam", "twin-adam")  # Adam kept, or restarted
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
-AGENTS = {  # the README's: arm, what it is, who tells it of a drift
-    "dqn": ("DQN", "the schedule"),
-    "sliding": ("Sliding-window DQN", "nobody"),
-    "gbdqn": ("GB-DQN, the paper's", "the schedule"),
-    "dqn-detected": ("DQN that drops its old data", "itself"),
-    "twin-adam": ("DQN-reuse: it stores its networks, too", "itself"),
-    "twin": ("DQN-reuse, Adam kept", "itself"),
-    "reuse": ("GB-DQN-reuse: the same, with boosters", "itself"),
+AGENTS = {  # the README's: arm, what it is, what tells it of a drift
+    "dqn": ("DQN", "schedule"),
+    "sliding": ("Sliding-window DQN", "none"),
+    "gbdqn": ("GB-DQN, the paper's", "schedule"),
+    "dqn-detected": ("DQN that drops its old data", "own detector"),
+    "twin-adam": ("DQN-reuse: it stores its networks, too", "own detector"),
+    "twin": ("DQN-reuse, Adam kept", "own detector"),
+    "reuse": ("GB-DQN-reuse: the same, with boosters", "own detector"),
 }
 SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which arm, part)
-    "the physics changed for good": [
+    "the physics changed": [
         ("keep the network, drop the data", "dqn-drop", "dqn", "oracle"),
+        ("drop them at the change, not by a window", "dqn-drop", "sliding", "oracle"),
         ("restart Adam too", "dqn-drop-adam", "dqn-drop", "oracle"),
-        ("keep the data, freeze the network, add one", "plasticity", "dqn", "oracle"),
-        ("drop the data, freeze the network, add one", "gb-drop", "dqn-drop", "oracle"),
+        ("keep the data, freeze the network, add a booster", "plasticity", "dqn", "oracle"),
+        ("drop the data, freeze the network, add a booster", "gb-drop", "dqn-drop", "oracle"),
     ],
     "old physics may return": [
-        ("store the network at each change, too", "twin-told-adam", "dqn-drop", "oracle"),
-        ("store it, and add one", "reuse-told", "dqn-drop", "oracle"),
+        ("drop the data, store the network", "twin-told", "dqn-drop", "oracle"),
+        ("the same, and restart Adam", "twin-told-adam", "dqn-drop", "oracle"),
+        ("drop the data, store the network, add a booster", "reuse-told", "dqn-drop", "oracle"),
+        ("the same, against the booster alone", "reuse-told", "gb-drop", "oracle"),
     ],
     "nothing changed, but you are told so": [
         ("drop the data", "dqn-drop", "dqn-untold", "null"),
     ],
     "you cannot tell": [
-        ("detect, drop the data", "dqn-detected", "dqn-drop", "detected"),
-        ("detect, drop, store, add one", "reuse", "dqn-detected", "detected"),
-        ("the same, against one that is told", "reuse", "dqn-drop", "detected"),
+        ("detect, drop the data, against being told", "dqn-detected", "dqn-drop", "detected"),
+        ("detect, drop, store, add a booster", "reuse", "dqn-detected", "detected"),
+        ("the same, against dropping when told", "reuse", "dqn-drop", "detected"),
         ("the same, on the held-out schedule", "reuse", "dqn-drop", "held-out"),
         ("the same, where nothing changes", "reuse", "dqn-untold", "null"),
     ],
@@ -65,25 +68,28 @@ def table(study):
             again = AGAIN.format(f"TASK{suffix}", f"{other},{arm}")
             rows.append([known, what, f"{arm} − {other}", *cells, f"`{again}`"])
             known = ""
-    return ["you know that", "choice", "", *map(LABELS.get, envs), "to run it again"], rows
+    header = ["you know that", "choice", "arms", *map(LABELS.get, envs), "to run it again"]
+    return header, rows
 
 
 def answer(study):
     """A line for each environment whose runs are complete: what gains there."""
     lines = []
     for env in study.tasks("oracle"):
-        gains = [study.complete(env, twin, "dqn-drop") for twin in TWINS]
-        leads = [study.complete(env, "reuse-told", twin) for twin in TWINS]
+        gains = [study.complete(env, twin, "dqn-drop") for twin, _ in TWINS]
+        leads = [study.complete(env, "reuse-told", twin) for twin, _ in TWINS]
         both = study.complete(env, "reuse-told", "dqn-drop")
         alone = study.complete(env, "gb-drop", "dqn-drop")
         if all(map(len, [*gains, *leads, alone])):
             k = int(np.argmax(stats.iqm(gains)))  # the better twin
-            lines.append(f"- **{LABELS[env]}.** {verdict(gains[k], leads[k], both, alone)}")
+            said = verdict(gains[k], leads[k], both, alone, ("kept", "restarted")[k])
+            lines.append(f"- **{LABELS[env]}.** {said}{untold(study, env)}")
     return "\n".join(lines) or "No run is complete yet."
 
 
-def verdict(gain, lead, both, alone):
+def verdict(gain, lead, both, alone, adam="kept"):
     """What the intervals say: of reuse's gain, boosting's lead over it, both, and boosting's own.
+    `adam` says what the better twin does with its moments.
 
     >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0), np.full(9, 4.0), np.full(9, 4.0))[:31]
     'Reuse, not boosting, gains here'
@@ -97,9 +103,21 @@ def verdict(gain, lead, both, alone):
     if first.startswith("Nothing") and interval(both)[0] > 0:
         first = "Reuse with boosting gains; what boosting adds to reuse is not shown"
     return (
-        f"{first}. Over DQN that drops its data, stored networks bring {words(gain)}, a booster "
-        f"with nothing stored {words(alone)}, both together {words(both)}; over the better of two "
-        f"twins that store networks, boosters bring {words(lead)}."
+        f"{first}. Told of the drifts, stored networks bring {words(gain)} over DQN that drops its "
+        f"data (Adam {adam}), a booster with nothing stored {words(alone)}, both together "
+        f"{words(both)}; boosters bring {words(lead)} over stored networks alone."
+    )
+
+
+def untold(study, env):
+    """What reuse with boosting gains where the agents detect the drifts themselves."""
+    gain = study.complete(env, "reuse", "dqn-detected")
+    leads = [study.complete(env, "reuse", twin) for _, twin in TWINS]
+    if not all(map(len, [gain, *leads])):
+        return ""
+    return (
+        f" Detecting them, both together bring {words(gain)}, and boosters "
+        f"{words(min(leads, key=stats.iqm))} over stored networks alone."
     )
 
 
@@ -114,7 +132,7 @@ def levels(study):
             for x in found
         ]
         rows.append([*names, *cells])
-    return ["agent", "told of drifts by", *(LABELS[task] for task in tasks)], rows
+    return ["agent", "drift signal", *(LABELS[task] for task in tasks)], rows
 
 
 def readme(study, text):
