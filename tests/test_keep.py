@@ -270,6 +270,66 @@ def test_what_is_charted_of_a_run_without_a_drift(monkeypatch, tmp_path):
     assert calibrate.recorded("cartpole", tmp_path)["return"] == [arrays["return-3"].tolist()]
 
 
+def test_a_drift_is_recorded_for_twenty_episodes(monkeypatch):
+    """The run ends there, and up to the drift it is the run without one."""
+    preset = Config.preset
+    few = dict(hidden=[8], learning_starts=30)
+    schedules = {
+        "null": [],
+        "recurring": [{"episode": 3, "force": -1.0}, {"episode": 40, "reset": True}],
+    }
+
+    def small(env, name, **values):
+        given = preset("cartpole", **few, agent="dqn", seed=values["seed"], drift_signal=[])
+        return Config.from_dict(given.to_dict() | dict(episodes=60, schedule=schedules[name]))
+
+    monkeypatch.setattr(calibrate.Config, "preset", small)
+    calm, drifted = (calibrate.record("cartpole", name, 3)["return-3"] for name in schedules)
+    assert len(calm) == 60 and len(drifted) == 3 + calibrate.AFTER
+    assert np.array_equal(calm[:3], drifted[:3]) and not np.array_equal(calm[:23], drifted)
+
+
+CALM = [float(k % 2) for k in range(80)]
+
+
+@pytest.mark.parametrize(("late", "found"), [(0, 1.0), (8, 1.0), (9, 0.0)])
+def test_a_drift_is_found_within_ten_episodes(late, found):
+    """At slack ½ and level 5, z = 3 raises an alarm in its second episode."""
+    drifted = CALM + CALM[:late] + [9.0] * (calibrate.AFTER - late)
+    assert calibrate.found_in_time("return", [drifted], 5.0) == found
+
+
+def test_an_alarm_before_the_drift_does_not_find_it():
+    early = CALM[:75] + [9.0] * (5 + calibrate.AFTER)
+    assert calibrate.alarms("return", early, 5.0) == [77]
+    assert calibrate.found_in_time("return", [early], 5.0) == 0.0
+
+
+def test_the_best_quiet_chart_is_sought_among_the_quiet_ones():
+    """Noisy runs need a level at which a small rise is not found; quiet ones do not."""
+    rng = np.random.default_rng(0)
+    drifted = [[*CALM, *(x + 3.0 for x in CALM[:20])]] * 4
+    share, slack, level = calibrate.best_quiet("return", [CALM], drifted)
+    assert share == 1.0 and (slack, level) == (0.5, 4)
+    noisy = [[*CALM, *rng.choice([0.0, 9.0], 400)] for _ in range(20)]
+    share, _, level = calibrate.best_quiet("return", noisy, drifted)
+    assert share == 0.0 and level > 4
+
+
+def test_the_table_of_quiet_charts_is_that_of_what_was_charted():
+    text = (KEEP / "README.md").read_text(encoding="utf-8")
+    table = text.partition("the best found")[2]
+    for symptom, (name, _) in calibrate.SHOWN.items():
+        shares = []
+        for env in ("cartpole", "mountaincar", "acrobot"):
+            calm, drifted = (
+                calibrate.recorded(env, calibrate.RESULTS, preset)[symptom]
+                for preset in calibrate.FILES
+            )
+            shares.append(f"{calibrate.best_quiet(symptom, calm, drifted)[0]:.0%}")
+        assert f"| {name} | {' | '.join(shares)} |" in table
+
+
 def test_charted_files_that_are_missing_or_damaged(tmp_path):
     """Also a file that is cut off, and one that lacks an array."""
     path = tmp_path / "acrobot-charted.npz"

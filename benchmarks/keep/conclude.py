@@ -384,7 +384,9 @@ def per_step(study):
             if arm != REFERENCE[part] and seeds:
                 first = study.config(task, arm).regimes[1].start
                 x = [at_equal_steps(ours[seed][first:], theirs[seed][first:]) for seed in seeds]
-                steps = stats.iqm([np.abs(ours[seed][first:]).sum() for seed in seeds])
+                steps = stats.iqm(
+                    [min(np.abs(x[seed][first:]).sum() for x in (ours, theirs)) for seed in seeds]
+                )
                 both = words(study.difference(task, arm, REFERENCE[part])), words(x)
                 table.append([task, arm, REFERENCE[part], f"{steps:,.0f}", *both])
     return ["task", "arm", "minus", "steps", "at equal episodes", "at equal steps"], table

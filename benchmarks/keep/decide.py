@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from conclude import interval, markdown, signed, stored, words
+from conclude import hypotheses, interval, markdown, side, signed, stored, words
 from protocol import FILE, command
 from study import RESULTS
 
@@ -23,7 +23,7 @@ TWINS = ("twin-told", "twin"), ("twin-told-adam", "twin-adam")  # Adam kept, or 
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
 AGENTS = {  # the README's: arm, what it is, what tells it of a drift
     "dqn": ("DQN", "schedule"),
-    "sliding": ("Sliding-window DQN", "none"),
+    "sliding": ("Sliding-window DQN", "schedule"),
     "gbdqn": ("GB-DQN, the paper's", "schedule"),
     "dqn-detected": ("DQN that drops its old data", "own detector"),
     "twin-adam": ("DQN-reuse: it stores its networks, too", "own detector"),
@@ -78,34 +78,44 @@ def answer(study):
     for env in study.tasks("oracle"):
         gains = [study.complete(env, twin, "dqn-drop") for twin, _ in TWINS]
         leads = [study.complete(env, "reuse-told", twin) for twin, _ in TWINS]
+        boost = study.complete(env, "gb-drop", "dqn-drop")
         both = study.complete(env, "reuse-told", "dqn-drop")
-        alone = study.complete(env, "gb-drop", "dqn-drop")
-        if all(map(len, [*gains, *leads, alone])):
+        if all(map(len, [*gains, *leads, boost])):
             k = int(np.argmax(stats.iqm(gains)))  # the better twin
-            said = verdict(gains[k], leads[k], both, alone, ("kept", "restarted")[k])
+            further = study.complete(env, "reuse-told", "gb-drop")
+            said = verdict(gains[k], boost, both, leads[k], further, ("kept", "restarted")[k])
             lines.append(f"- **{LABELS[env]}.** {said}{untold(study, env)}")
     return "\n".join(lines) or "No run is complete yet."
 
 
-def verdict(gain, lead, both, alone, adam="kept"):
-    """What the intervals say: of reuse's gain, boosting's lead over it, both, and boosting's own.
-    `adam` says what the better twin does with its moments.
+def verdict(store, boost, both, on_store, on_boost, adam="kept"):
+    """What the intervals say: of stored networks, of a booster, of both over DQN that drops its
+    data, and of both over stored networks alone and over a booster alone.
 
-    >>> verdict(np.full(9, 4.0), np.arange(-4.0, 5.0), np.full(9, 4.0), np.full(9, 4.0))[:31]
+    `adam` says what the agent that stores networks does with its moments.
+
+    >>> some, none = np.full(9, 4.0), np.arange(-4.0, 5.0)
+    >>> verdict(some, some, some, none, none)[:31]
     'Reuse, not boosting, gains here'
     """
-    first = {
-        (True, True): "Reuse gains, and boosting adds to it",
-        (True, False): "Reuse, not boosting, gains here",
-        (False, True): "Reuse gains with boosting only",
-        (False, False): "Nothing is detected beyond DQN that drops its data",
-    }[interval(gain)[0] > 0, interval(lead)[0] > 0]
-    if first.startswith("Nothing") and interval(both)[0] > 0:
-        first = "Reuse with boosting gains; what boosting adds to reuse is not shown"
+    reuses = 1 in (side(store), side(on_boost))
+    if side(on_store) == 1:
+        also = "and reuse to boosting" if reuses else "that reuse adds to it is not shown"
+        first = f"Boosting adds to reuse; {also}"
+    elif reuses:
+        adds = "takes from it" if side(on_store) == -1 else "is not shown to add to it"
+        first = f"Reuse, not boosting, gains here: a booster {adds}"
+    elif side(boost) == 1:
+        first = "A booster gains; that it adds to reuse, or reuse to it, is not shown"
+    elif side(both) == 1:
+        first = "Reuse with boosting gains; neither is shown to gain alone"
+    else:
+        first = "Nothing is detected beyond DQN that drops its data"
     return (
-        f"{first}. Told of the drifts, stored networks bring {words(gain)} over DQN that drops its "
-        f"data (Adam {adam}), a booster with nothing stored {words(alone)}, both together "
-        f"{words(both)}; boosters bring {words(lead)} over stored networks alone."
+        f"{first}. Told of the drifts, stored networks bring {words(store)} over DQN that drops "
+        f"its data (Adam {adam}), a booster with nothing stored {words(boost)}, both together "
+        f"{words(both)} (mean {signed(f'{both.mean():+.1f}')}). Boosting adds {words(on_store)} to "
+        f"reuse, and reuse {words(on_boost)} to boosting."
     )
 
 
@@ -116,8 +126,8 @@ def untold(study, env):
     if not all(map(len, [gain, *leads])):
         return ""
     return (
-        f" Detecting them, both together bring {words(gain)}, and boosters "
-        f"{words(min(leads, key=stats.iqm))} over stored networks alone."
+        f" Detecting them, both together bring {words(gain)} (mean "
+        f"{signed(f'{gain.mean():+.1f}')}), and boosting adds {words(min(leads, key=stats.iqm))}."
     )
 
 
@@ -144,7 +154,10 @@ def readme(study, text):
 def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
-    return text.format(answer=answer(study), table=markdown(table(study)))
+    _, tested = hypotheses(study)
+    hold = sum(decision.startswith("**holds**") for *_, decision in tested)
+    values = {"answer": answer(study), "table": markdown(table(study))}
+    return text.format(hypotheses=len(tested), hold=hold, **values)
 
 
 def main(arguments=None):
