@@ -461,9 +461,9 @@ for name, each in waits.items():
     print(f"{name:23}", *(f"{wait:3}" for wait in sorted(each)))
 
 # %% [markdown]
-# (Each number is one run.) Not much is lost. Alarm or change point is the same in
-# the ten rooms, where new data are cheap; where they are expensive, the change point
-# saves them. But it is an estimate. With κ = ½ S may have left 0 at an ordinary bad episode
+# (Each number is one run.) Not much is lost. Alarm or change point is the same in the
+# ten rooms, where new data are cheap; where they are expensive, the change point saves
+# them. But it is an estimate. With κ = ½ S may have left 0 at an ordinary bad episode
 # before the drift, and then transitions of the old world stay. A few can hold a run up:
 # "room 8, right: the end" is drawn until it is diluted. Too early keeps what is stale,
 # too late throws away what is new.
@@ -536,7 +536,8 @@ for task in dict.fromkeys(task for task, _ in stored):
 
 # %%
 page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
-table = [line.split("|") for line in page.splitlines() if line.startswith("|")]
+choices = page.partition("What each choice brings")[2].splitlines()
+table = [line.split("|") for line in choices if line.startswith("|")]
 Markdown("\n".join("|".join(row[:3] + row[4:7] + [""]) for row in table))
 
 # %% [markdown]

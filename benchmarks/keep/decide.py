@@ -7,7 +7,6 @@ python benchmarks/keep/decide.py
 import argparse
 from pathlib import Path
 
-import numpy as np
 from conclude import hypotheses, interval, markdown, side, signed, stored, words
 from protocol import FILE, command
 from study import RESULTS
@@ -19,7 +18,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
 AGAIN = "--tasks {} --arms {}"  # of study.py report
-TWINS = ("twin-told", "twin"), ("twin-told-adam", "twin-adam")  # Adam kept, or restarted
+TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
+ANSWERING = *TWINS[0], *TWINS[1], "gb-drop", "reuse-told", "dqn-detected", "reuse"
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
 AGENTS = {  # the README's: arm, what it is, what tells it of a drift
     "dqn": ("DQN", "schedule"),
@@ -72,63 +72,67 @@ def table(study):
     return header, rows
 
 
+def parts(study, env):
+    """{what it is: difference (seeds,)} of the parts of the recipe, alone and together.
+
+    Of the two agents that store networks, with Adam kept or restarted, the better one counts.
+    """
+    stores, detects = (
+        max(twins, key=lambda twin: stats.iqm(study.values(env, twin)[0])) for twins in TWINS
+    )
+    pairs = {
+        "stored networks, over DQN that drops its data": (stores, "dqn-drop"),
+        "a booster, over the same": ("gb-drop", "dqn-drop"),
+        "both, over the same": ("reuse-told", "dqn-drop"),
+        "both, over stored networks": ("reuse-told", stores),
+        "both, over a booster": ("reuse-told", "gb-drop"),
+        "detecting: both, over DQN that drops its data": ("reuse", "dqn-detected"),
+        "detecting: both, over stored networks": ("reuse", detects),
+    }
+    return {what: study.complete(env, *pair) for what, pair in pairs.items()}
+
+
 def answer(study):
-    """A line for each environment whose runs are complete: what gains there."""
-    lines = []
-    for env in study.tasks("oracle"):
-        gains = [study.complete(env, twin, "dqn-drop") for twin, _ in TWINS]
-        leads = [study.complete(env, "reuse-told", twin) for twin, _ in TWINS]
-        boost = study.complete(env, "gb-drop", "dqn-drop")
-        both = study.complete(env, "reuse-told", "dqn-drop")
-        if all(map(len, [*gains, *leads, boost])):
-            k = int(np.argmax(stats.iqm(gains)))  # the better twin
-            further = study.complete(env, "reuse-told", "gb-drop")
-            said = verdict(gains[k], boost, both, leads[k], further, ("kept", "restarted")[k])
-            lines.append(f"- **{LABELS[env]}.** {said}{untold(study, env)}")
-    return "\n".join(lines) or "No run is complete yet."
+    """What gains on each environment whose runs are complete: a sentence, and a table."""
+    found = {
+        env: parts(study, env)
+        for env in study.tasks("oracle")
+        if all(len(study.complete(env, arm, "dqn-drop")) for arm in ANSWERING)
+    }
+    if not found:
+        return "No run is complete yet."
+    lines = [
+        f"- **{LABELS[env]}.** {verdict(*[*each.values()][:5])}" for env, each in found.items()
+    ]
+    rows = [
+        [what, *(f"{words(each[what])}, mean {each[what].mean():+.1f}" for each in found.values())]
+        for what in next(iter(found.values()))
+    ]
+    table = markdown((["told of the drifts", *map(LABELS.get, found)], rows))
+    return signed("\n".join(lines) + "\n\n" + table)
 
 
-def verdict(store, boost, both, on_store, on_boost, adam="kept"):
-    """What the intervals say: of stored networks, of a booster, of both over DQN that drops its
-    data, and of both over stored networks alone and over a booster alone.
+def verdict(store, boost, both, on_store, on_boost):
+    """What the intervals say: of stored networks, of a booster, and of both, over DQN that drops
+    its data; and of both over stored networks alone and over a booster alone.
 
-    `adam` says what the agent that stores networks does with its moments.
-
+    >>> import numpy as np
     >>> some, none = np.full(9, 4.0), np.arange(-4.0, 5.0)
-    >>> verdict(some, some, some, none, none)[:31]
-    'Reuse, not boosting, gains here'
+    >>> verdict(some, some, some, none, none)
+    'Reuse, not boosting, gains here: a booster is not shown to add to it.'
     """
     reuses = 1 in (side(store), side(on_boost))
     if side(on_store) == 1:
         also = "and reuse to boosting" if reuses else "that reuse adds to it is not shown"
-        first = f"Boosting adds to reuse; {also}"
-    elif reuses:
+        return f"Boosting adds to reuse; {also}."
+    if reuses:
         adds = "takes from it" if side(on_store) == -1 else "is not shown to add to it"
-        first = f"Reuse, not boosting, gains here: a booster {adds}"
-    elif side(boost) == 1:
-        first = "A booster gains; that it adds to reuse, or reuse to it, is not shown"
-    elif side(both) == 1:
-        first = "Reuse with boosting gains; neither is shown to gain alone"
-    else:
-        first = "Nothing is detected beyond DQN that drops its data"
-    return (
-        f"{first}. Told of the drifts, stored networks bring {words(store)} over DQN that drops "
-        f"its data (Adam {adam}), a booster with nothing stored {words(boost)}, both together "
-        f"{words(both)} (mean {signed(f'{both.mean():+.1f}')}). Boosting adds {words(on_store)} to "
-        f"reuse, and reuse {words(on_boost)} to boosting."
-    )
-
-
-def untold(study, env):
-    """What reuse with boosting gains where the agents detect the drifts themselves."""
-    gain = study.complete(env, "reuse", "dqn-detected")
-    leads = [study.complete(env, "reuse", twin) for _, twin in TWINS]
-    if not all(map(len, [gain, *leads])):
-        return ""
-    return (
-        f" Detecting them, both together bring {words(gain)} (mean "
-        f"{signed(f'{gain.mean():+.1f}')}), and boosting adds {words(min(leads, key=stats.iqm))}."
-    )
+        return f"Reuse, not boosting, gains here: a booster {adds}."
+    if side(boost) == 1:
+        return "A booster gains; that it adds to reuse, or reuse to it, is not shown."
+    if side(both) == 1:
+        return "Reuse with boosting gains; neither is shown to gain alone."
+    return "Nothing is detected beyond DQN that drops its data."
 
 
 def levels(study):
