@@ -340,7 +340,7 @@ def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
     left, right = figure.axes
     assert {text.get_text() for text in left.texts} == {"DQN", "GB-DQN-reuse"}
     assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 9
-    assert len(left.lines) == 2 * (3 + 1), "every seed, and the IQM"
+    assert len(left.lines) == 2 * (3 + 1) + 2, "every seed, the IQM, and one beside each name"
     smooth = stats.trailing_mean(study.curves(CAR, "dqn")[2001], 10)
     assert np.array_equal(left.lines[1].get_ydata(), smooth)
     assert left.lines[1].get_xdata()[-1] == 649

@@ -63,6 +63,7 @@ LEADS = [  # looked at once more on the held-out schedule
 ]
 FOUND, COSTS = 0.9, 5.0  # targets: share of costly drifts, percent of the span where none is
 LINE = 0.075  # the height of a name in the picture, as a share of its panel's
+NAME = {"va": "center", "fontsize": 9}
 COLOURS = 32  # of the picture, which so takes a quarter of the bytes
 DRAWN = {  # arm: its name in the picture, and its line
     "dqn": ("DQN", "-"),
@@ -552,8 +553,10 @@ def picture(study):
             left.set(xlim=(0, config.episodes), ylim=(low, high), ylabel="return")
             heights = plots.apart((np.array(ends) - low) / (high - low), LINE)
             for arm, height in zip(arms, heights, strict=True):
-                place = {"transform": left.transAxes, "va": "center", "fontsize": 9}
-                left.text(1.01, height, DRAWN[arm][0], color=colour(study, arm), **place)
+                name, place = DRAWN[arm][0], {"transform": left.transAxes}
+                sample = look(study, arm) | {"clip_on": False}
+                left.plot([1.01, 1.045], [height, height], **sample, **place)
+                left.text(1.055, height, name, color=colour(study, arm), **NAME, **place)
             left.set_title(LABELS[config.env], loc="left", fontsize=11)
             right.set_title("runs above", loc="left", fontsize=10)
             right.set(ylim=(0, 1))
@@ -567,16 +570,20 @@ def picture(study):
 
 def curves(study, task, arm, left, right):
     """Draw an arm: every seed and their IQM, and its performance profile; the height of its end."""
-    look = {"color": colour(study, arm), "linestyle": DRAWN[arm][1]}
     smooth = np.array([stats.trailing_mean(x, WINDOW) for x in study.curves(task, arm).values()])
     thick = stats.iqm(smooth, axis=0)
     episode = np.arange(WINDOW - 1, WINDOW - 1 + len(thick))
     left.plot(episode, smooth.T, color=colour(study, arm), linewidth=0.4, alpha=0.12)
-    left.plot(episode, thick, **look, **plots.THICK)
+    left.plot(episode, thick, **look(study, arm), **plots.THICK)
     values = np.sort(study.values(task, arm)[0])
     above = 1 - np.arange(len(values) + 1) / len(values)
-    right.step([*values, values[-1]], above, where="pre", **look)
+    right.step([*values, values[-1]], above, where="pre", **look(study, arm))
     return thick[-1]
+
+
+def look(study, arm):
+    """The colour and the line of an arm."""
+    return {"color": colour(study, arm), "linestyle": DRAWN[arm][1]}
 
 
 def colour(study, arm):
