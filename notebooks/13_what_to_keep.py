@@ -538,7 +538,7 @@ for task in dict.fromkeys(task for task, _ in stored):
 page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
 choices = page.partition("What each choice brings")[2].splitlines()
 table = [line.split("|") for line in choices if line.startswith("|")]
-Markdown("\n".join("|".join(row[:3] + row[4:7] + [""]) for row in table))
+Markdown("\n".join("|".join(row[:-2] + [""]) for row in table))
 
 # %% [markdown]
 # [The answer](../docs/what_to_keep.md) has the command for each figure, and

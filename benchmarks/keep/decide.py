@@ -65,10 +65,10 @@ def table(study):
         for what, arm, other, part in choices:
             suffix = f"-{part}" if part in ("null", "held-out") else ""
             cells = [words(study.complete(env + suffix, arm, other)) for env in envs]
-            again = AGAIN.format(f"TASK{suffix}", f"{other},{arm}")
-            rows.append([known, what, f"{arm} − {other}", *cells, f"`{again}`"])
+            again = AGAIN.format(f"TASK{suffix}", f"{arm},{other}")
+            rows.append([known, what, *cells, f"`{again}`"])
             known = ""
-    header = ["you know that", "choice", "arms", *map(LABELS.get, envs), "to run it again"]
+    header = ["you know that", "choice", *map(LABELS.get, envs), "first arm minus second"]
     return header, rows
 
 
