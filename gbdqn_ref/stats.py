@@ -10,6 +10,7 @@ raw return would change sign where returns are negative.) The mean of no values 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from math import inf
 from typing import Any
 
@@ -209,13 +210,16 @@ def match_alarms(
 ) -> tuple[list[int], int, int]:
     """(delays, misses, false alarms) of a detector's alarms, both lists of episodes in order.
 
-    The first alarm within `within` episodes of a drift finds it, with a delay of 1 if it comes in
-    the drift's own episode. Every other alarm is false, including a second one.
+    The first alarm within `within` episodes of a drift, and before the next one, finds it, with a
+    delay of 1 if it comes in the drift's own episode. Every other alarm is false, including a
+    second one.
 
     >>> match_alarms([102, 130, 153], [100, 150, 200])
     ([3, 4], 1, 1)
     """
-    firsts = [[a for a in alarms if drift <= a < drift + within][:1] for drift in drifts]
+    ends = [min(drift + within, after) for drift, after in pairwise([*drifts, inf])]
+    spans = zip(drifts, ends, strict=True)
+    firsts = [[a for a in alarms if drift <= a < end][:1] for drift, end in spans]
     delays = [a - drift + 1 for drift, found in zip(drifts, firsts, strict=True) for a in found]
     return delays, len(drifts) - len(delays), len(alarms) - len(delays)
 

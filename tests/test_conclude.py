@@ -212,6 +212,10 @@ def test_alarms_are_counted_from_costly_drifts():
     quiet = study_of({"reuse": [run(alarms=[300])] + [run()] * 19}, NULL)
     row = cells(conclude.detection(quiet), NULL, "reuse")
     assert (row["false alarms per run"], row["target"]) == ("0.05", "met")
+    runs = [run(alarms=[425, 445], evaluation=[])]
+    held_out = study_of({"reuse": runs}, "mountaincar-held-out")
+    row = cells(conclude.detection(held_out), "mountaincar-held-out", "reuse")
+    assert row["false alarms per run"] == "0.00", "each is the first after a step of the drift"
     told = study_of({"dqn-drop": [run(alarms=[252])]}, NULL)
     assert conclude.detection(told)[1] == [], "it detects nothing"
 

@@ -408,6 +408,8 @@ def test_the_evaluation_right_after_a_regime_counts_as_its_best():
         ([4], [5], ([], 1, 1)),
         ([6, 7], [5], ([2], 0, 1)),
         ([6, 21], [5, 20, 40], ([2, 2], 1, 0)),
+        ([12], [5, 10], ([3], 1, 0)),
+        ([6, 12], [5, 10], ([2, 3], 0, 0)),
     ],
 )
 def test_alarms_are_matched_with_drifts(alarms, drifts, expected):

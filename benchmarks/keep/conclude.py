@@ -324,7 +324,7 @@ def hearing(study):
 def detection(study):
     """What the alarms of each detecting arm found, and how many were false."""
     table = []
-    for task, arm in study.runs("detected", "null"):
+    for task, arm in study.runs("detected", "held-out", "null"):
         config, rows = study.config(task, arm), study.rows[task, arm].values()
         if config.resolved().drift_signal != "detector":
             continue
