@@ -79,11 +79,10 @@ def test_gb_dqn_is_ahead_of_dqn():
 
 def found_by_quiet_charts(symptom):
     """{environment: the share of first drifts that the best of the quiet charts finds in time}."""
-    shares = {}
-    for env in ("acrobot", "mountaincar", "cartpole"):
-        calm, drifted = (calibrate.recorded(env, RESULTS, preset) for preset in calibrate.FILES)
-        shares[env], *_ = calibrate.best_quiet(symptom, calm[symptom], drifted[symptom])
-    return shares
+    return {
+        env: calibrate.best_stored(env, symptom, RESULTS)[0]
+        for env in ("acrobot", "mountaincar", "cartpole")
+    }
 
 
 @claim("X29")

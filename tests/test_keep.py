@@ -320,14 +320,11 @@ def test_the_table_of_quiet_charts_is_that_of_what_was_charted():
     text = (KEEP / "README.md").read_text(encoding="utf-8")
     table = text.partition("the best found")[2]
     for symptom, (name, _) in calibrate.SHOWN.items():
-        shares = []
-        for env in ("cartpole", "mountaincar", "acrobot"):
-            calm, drifted = (
-                calibrate.recorded(env, calibrate.RESULTS, preset)[symptom]
-                for preset in calibrate.FILES
-            )
-            shares.append(f"{calibrate.best_quiet(symptom, calm, drifted)[0]:.0%}")
-        assert f"| {name} | {' | '.join(shares)} |" in table
+        best = [
+            calibrate.best_stored(env, symptom, calibrate.RESULTS)[0]
+            for env in ("cartpole", "mountaincar", "acrobot")
+        ]
+        assert f"| {name} | {' | '.join(f'{share:.0%}' for share in best)} |" in table
 
 
 def test_charted_files_that_are_missing_or_damaged(tmp_path):

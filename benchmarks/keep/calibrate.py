@@ -14,11 +14,11 @@ within ten episodes, for each environment and symptom, over slacks and levels.
 
 Written before `drift` was run: no quiet chart of the TD error finds nine tenths of the first drifts
 on Acrobot, MountainCar or CartPole; one of the model's error does on each of them. It came out
-so but for Acrobot, where the return's does and the model's does not.
+so but for Acrobot, where one of the return does, and none of the model's error.
 
-`levels` bootstraps runs without a drift from
-blocks of these: it prints a table of the false alarms per run, for each environment the lowest
-level with at most one in twenty runs, and how soon a fall of the return is found, by its size.
+`levels` bootstraps runs without a drift from blocks of what `record` keeps: it prints a table of
+the false alarms per run, for each environment the lowest level with at most one in twenty runs, and
+how soon a fall of the return is found, by its size.
 `found` reads the folders of a study with detecting agents. A drift counts if it costs a run half of
 its own span, by its stored greedy evaluation.
 """
@@ -198,11 +198,15 @@ def levels(env, results):
         print(f"{symptom}: {good or 'no level'} meets {TARGET} per run{found}")
 
 
+def best_stored(env, symptom, results):
+    """best_quiet of what is stored of an environment."""
+    return best_quiet(symptom, *(recorded(env, results, preset)[symptom] for preset in FILES))
+
+
 def quiet(env, results):
     """Print the best of the quiet charts of each symptom."""
-    calm, drifted = (recorded(env, results, preset) for preset in FILES)
     for symptom in SHOWN:
-        share, slack, level = best_quiet(symptom, calm[symptom], drifted[symptom])
+        share, slack, level = best_stored(env, symptom, results)
         chart = f"slack {slack}, level {level}" if slack else "no chart is quiet"
         print(f"{env}, {symptom}: {share:.0%} of the first drifts found in time ({chart})")
 

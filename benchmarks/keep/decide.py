@@ -17,7 +17,6 @@ from gbdqn_ref.schedule import LABELS
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
-AGAIN = "--tasks {} --arms {}"  # of study.py report
 TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
 ANSWERING = *TWINS[0], *TWINS[1], "gb-drop", "reuse-told", "dqn-detected", "reuse"
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
@@ -65,8 +64,7 @@ def table(study):
         for what, arm, other, part in choices:
             suffix = f"-{part}" if part in ("null", "held-out") else ""
             cells = [words(study.complete(env + suffix, arm, other)) for env in envs]
-            again = AGAIN.format(f"TASK{suffix}", f"{arm},{other}")
-            rows.append([known, what, *cells, f"`{again}`"])
+            rows.append([known, what, *cells, f"`--tasks TASK{suffix} --arms {arm},{other}`"])
             known = ""
     header = ["you know that", "choice", *map(LABELS.get, envs), "first arm minus second"]
     return header, rows
