@@ -147,3 +147,13 @@ def test_every_promise_names_existing_tests():
         for file, name in named:
             text = (ROOT / "tests" / file).read_text(encoding="utf-8")
             assert f"def {name}(" in text, name
+
+
+@pytest.mark.parametrize("target", ["train", "test"])
+def test_the_readme_has_the_lines_of_make(target):
+    """Its commands without make are those of the Makefile."""
+    texts = [(ROOT / name).read_text(encoding="utf-8") for name in ("Makefile", "README.md")]
+    make, readme = (re.sub(r"\\\n\s+", "", text) for text in texts)
+    recipe = re.search(rf"^{target}: .*\n((?:\t.*\n)+)", make, re.MULTILINE)[1]
+    for line in recipe.replace("$(BIN)", ".venv/bin").splitlines():
+        assert line.strip() in readme
