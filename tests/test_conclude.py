@@ -394,7 +394,7 @@ def test_the_ledger_says_which_tasks_its_verdicts_rest_on():
 @pytest.mark.parametrize(
     ("told", "adam", "reuse", "answer"),
     [
-        (-140, -145, -130, "Boosting adds to reuse; and reuse to boosting"),
+        (-140, -145, -130, "Boosting adds to reuse, and reuse to boosting"),
         (-160, -150, -147, "Boosting adds to reuse; that reuse adds to it is not shown"),
         (-140, -130, -130, "Reuse, not boosting, gains here: a booster is not shown to add to it"),
         (-140, -145, -155, "Reuse, not boosting, gains here: a booster takes from it"),

@@ -121,8 +121,8 @@ def verdict(store, boost, both, on_store, on_boost):
     """
     reuses = 1 in (side(store), side(on_boost))
     if side(on_store) == 1:
-        also = "and reuse to boosting" if reuses else "that reuse adds to it is not shown"
-        return f"Boosting adds to reuse; {also}."
+        also = ", and reuse to boosting" if reuses else "; that reuse adds to it is not shown"
+        return f"Boosting adds to reuse{also}."
     if reuses:
         adds = "takes from it" if side(on_store) == -1 else "is not shown to add to it"
         return f"Reuse, not boosting, gains here: a booster {adds}."
