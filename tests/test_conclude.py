@@ -107,6 +107,14 @@ def test_the_page_shows_the_p_of_the_last_look_reached():
     assert cells(conclude.hypotheses(study_of(arms)), "H1")["p"].endswith(", 30 seeds")
 
 
+@pytest.mark.parametrize(("seeds", "decision"), [(39, "open"), (40, "not shown")])
+def test_what_is_not_decided_at_the_last_look_is_not_shown(seeds, decision):
+    """A lead of 9, where more than 10 is asked for."""
+    arms = {"reuse-told": level(-130, seeds), "dqn-drop": level(-139, seeds)}
+    arms["dqn-drop-adam"] = level(-160, seeds)
+    assert cells(conclude.hypotheses(study_of(arms)), "H1")["decision"] == decision
+
+
 @pytest.mark.parametrize(("p", "look"), [(0.002, 20), (0.0025, None)])
 def test_missing_hypotheses_count_in_the_correction(monkeypatch, p, look):
     """Eight times .002 is below .05 / 3, eight times .0025 above, whatever is there."""

@@ -248,7 +248,8 @@ def hypotheses(study):
             effect = f"{words(lead)} over {other}, {task}"
             chance = f"{p[look][each['id']]:.4f}, {look} seeds"
         decision = decided[each["id"]]
-        verdict = f"**holds**, at {decision} seeds" if decision else "open"
+        rest = "not shown" if look == looks[-1] else "open"
+        verdict = f"**holds**, at {decision} seeds" if decision else rest
         says = f"{', '.join(each['tasks'])}: {each['says']}"
         table.append([each["id"], says, effect, each["margin"], chance, verdict])
     return ["", "hypothesis", "effect", "margin", "p", "decision"], table

@@ -5,6 +5,7 @@ python benchmarks/keep/decide.py
 """
 
 import argparse
+from collections import Counter
 from pathlib import Path
 
 from conclude import hypotheses, interval, markdown, side, signed, stored, words
@@ -157,9 +158,11 @@ def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
     _, tested = hypotheses(study)
-    hold = sum(decision.startswith("**holds**") for *_, decision in tested)
+    found = Counter(decision.split(",")[0] for *_, decision in tested)
+    marks = {"hold": "**holds**", "not shown at the last look": "not shown", "open": "open"}
+    count = ", ".join(f"{name}: {found[mark]}" for name, mark in marks.items())
     values = {"answer": answer(study), "table": markdown(table(study))}
-    return text.format(hypotheses=len(tested), hold=hold, **values)
+    return text.format(hypotheses=len(tested), count=count, **values)
 
 
 def main(arguments=None):
