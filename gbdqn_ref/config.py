@@ -245,11 +245,12 @@ def preset_of(env: Any, name: Any = None) -> tuple[str, str]:
     >>> preset_of("hopper-long"), preset_of("acrobot")
     (('hopper', 'long'), ('acrobot', 'paper'))
     """
-    known, _, suffix = env.partition("-") if isinstance(env, str) else (env, "", "")
+    known, dash, suffix = env.partition("-") if isinstance(env, str) else (env, "", "")
     check_environment(known)
-    if suffix and name is not None and name != suffix:
+    if dash and name not in (None, suffix):
         raise UsageError(f"{short(env)} names the preset {suffix}, so it cannot be {short(name)}")
-    name = suffix or ("paper" if name is None else name)
+    if dash or name is None:
+        name = suffix if dash else "paper"
     names = [preset for preset, environments in PRESETS.items() if known in environments]
     if name not in names:
         raise UsageError(f"{known} has no preset {short(name)}; choose one of {', '.join(names)}")

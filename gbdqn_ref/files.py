@@ -147,7 +147,7 @@ def locked(folder: Path) -> Iterator[None]:
     A killed process leaves no lock behind. A new folder that is still empty at the end is removed.
     """
     if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder} is not a folder; choose another --out")
+        raise UsageError(f"{folder} is not a folder; choose another")
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for each in made:
@@ -171,7 +171,7 @@ def _lock(folder: Path) -> int:
     except BlockingIOError as e:
         os.close(descriptor)
         raise UsageError(
-            f"{folder} is in use by another process; wait for it or choose another --out"
+            f"{folder} is in use by another process; wait for it or choose another"
         ) from e
     except OSError as e:
         print(

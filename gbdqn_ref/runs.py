@@ -94,7 +94,7 @@ def train(
         if not (out / "summary.json").exists():
             _complete(config, out, resume, quiet, accept)
         summary = read_summary(out)
-        _check_summary(config, summary, out)
+        check_summary(config, summary, out)
         if not (out / "curve.png").exists():
             _draw(config, summary["random_return"], out)
     return summary
@@ -246,7 +246,7 @@ def _check_empty(out: Path) -> None:
         )
 
 
-def _check_summary(config: Config, summary: dict[str, Any], out: Path) -> None:
+def check_summary(config: Config, summary: dict[str, Any], out: Path) -> None:
     """UsageError if config.json and summary.json are of two runs."""
     expected: dict[str, Any] = {key: getattr(config, key) for key in RUN}
     expected["regimes"] = list(range(len(config.regimes)))
@@ -291,7 +291,7 @@ def _read_config_file(folder: Path | str) -> dict[str, Any]:
     path = Path(folder) / "config.json"
     if not path.exists():
         raise UsageError(
-            f"there is no run in {folder} (no config.json); start one without --resume"
+            f"there is no run in {folder} (no config.json); train --out {folder} starts one"
         )
     content = UNRECORDED | read_json(path, config=RUN)
     with undamaged(path):

@@ -135,7 +135,7 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
         known = runs.read_config(out / name).resolved().to_dict()
         _refuse_others(out / name, known, configs[name].resolved().to_dict())
         if (out / name / "summary.json").exists():
-            runs.read_summary(out / name)
+            runs.check_summary(configs[name], runs.read_summary(out / name), out / name)
             runs.read_episodes(out / name)
 
 

@@ -367,6 +367,10 @@ def test_an_unknown_setting_unlike_all_others_gets_no_suggestion():
             "acrobot has no preset 'slow'; choose one of paper, fast, hard, recurring, ",
         ),
         (
+            ("acrobot-",),
+            "acrobot has no preset ''; choose one of paper, fast, hard, recurring, ",
+        ),
+        (
             ("acrobot", "long"),
             "acrobot has no preset 'long'; choose one of paper, fast, hard, recurring, ",
         ),

@@ -41,6 +41,16 @@ def test_a_damaged_summary_is_refused_before_anything_is_trained(tmp_path):
     assert {path.name for path in tmp_path.glob("*-*")} == {"dqn-0"}
 
 
+@pytest.mark.parametrize("other", [{"seed": 5}, {"agent": "random"}, {"regimes": []}], ids=str)
+def test_the_summary_of_another_run_is_refused_before_anything_is_trained(tmp_path, other):
+    study.run_study(FIRST, tmp_path, Here(), quiet=True)
+    path = tmp_path / "dqn-0" / "summary.json"
+    files.write_json(path, files.read_json(path) | other)
+    with pytest.raises(UsageError, match=r"dqn-0 is damaged: config\.json has .* summary\.json"):
+        study.run_study(CONFIGS, tmp_path, Here(), quiet=True)
+    assert {path.name for path in tmp_path.glob("*-*")} == {"dqn-0"}
+
+
 def study_arguments(out, *more):
     start = ["study", "--env", "cartpole", "--agents", "dqn,random", "--seeds", "2", "--quiet"]
     return [*start, *flags(**DRIFTING), "--out", str(out), *more]
