@@ -2,10 +2,10 @@
 copy without outputs: python notebooks/render.py [NAME …]
 """
 
+import argparse
 import json
 import os
 import re
-import sys
 from copy import deepcopy
 from pathlib import Path
 
@@ -13,6 +13,8 @@ import jupytext
 import lesson
 import nbformat
 from nbclient import NotebookClient
+
+from gbdqn_ref.files import write_atomically
 
 FOLDER = Path(__file__).parent
 SOURCES = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
@@ -138,16 +140,30 @@ def clean(notebook):
     return copy
 
 
-def main(names):
+def write(notebook, path):
+    """Write a notebook whole or not at all."""
+    nbformat.validate(notebook)
+    text = nbformat.writes(notebook) + "\n"
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def main(arguments=None):
     """Render the named notebooks, or all."""
+    parser = argparse.ArgumentParser(description="Run notebooks, and write them.")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="like 14_network; default all"
+    )
+    names, known = parser.parse_args(arguments).names, [path.stem for path in SOURCES]
+    for name in names:
+        if name not in known:
+            parser.error(f"no notebook is called {name!r}; {', '.join(known)} are")
     (FOLDER / "clean").mkdir(exist_ok=True)
-    for path in [FOLDER / f"{name}.py" for name in names] or SOURCES:
+    for path in [FOLDER / f"{name}.py" for name in names or known]:
         notebook = steady(execute(read(path)))
         print(f"{path.stem}: {lesson.minutes(notebook)} minutes", flush=True)
-        nbformat.validate(notebook)
-        nbformat.write(notebook, path.with_suffix(".ipynb"))
-        nbformat.write(clean(notebook), FOLDER / "clean" / f"{path.stem}.ipynb")
+        write(notebook, path.with_suffix(".ipynb"))
+        write(clean(notebook), FOLDER / "clean" / f"{path.stem}.ipynb")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -4,13 +4,17 @@ python paper_checks/curves.py returns cartpole FOLDER   the return of each episo
 python paper_checks/curves.py plane                     two agents on MountainCar (some minutes)
 """
 
+import argparse
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
+from reruns import STUDIES
 
+from gbdqn_ref import UsageError
 from gbdqn_ref.config import Config
+from gbdqn_ref.files import read_json, write_atomically
+from gbdqn_ref.runs import read_episodes
 from gbdqn_ref.train import make_agent, run
 
 RESULTS = Path(__file__).with_name("results")
@@ -28,13 +32,13 @@ def returns(name):
 
 def store_returns(name, folder):
     """Keep the returns of a study's runs."""
-    study = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    study = read_json(folder / "results.json", agents=[(str,)], seeds=[(int,)])
     found = {
-        agent: [_returns(folder / f"{agent}-{seed}" / "episodes.csv") for seed in study["seeds"]]
+        agent: [_returns(folder / f"{agent}-{seed}") for seed in study["seeds"]]
         for agent in study["agents"]
     }
-    text = json.dumps(found, separators=(",", ":"))
-    (RESULTS / f"{name}-returns.json").write_text(f"{text}\n", encoding="utf-8")
+    text = json.dumps(found, separators=(",", ":")) + "\n"
+    write_atomically(RESULTS / f"{name}-returns.json", lambda file: file.write(text.encode()))
 
 
 def plane_config(agent):
@@ -68,20 +72,29 @@ def store_plane(agents=("gbdqn", "dqn")):
                 when = "before" if record["episode"] < DRIFT else "after"
                 kept[f"{name}_{when}"] = agent.theta.copy()
                 kept[f"{name}_visited_{when}"] = visits > 0
-    np.savez_compressed(PLANE, **kept)
+    write_atomically(PLANE, lambda file: np.savez_compressed(file, **kept))
 
 
-def _returns(path):
-    """The return of each episode, as a whole number where it is one."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    place = lines[0].split(",").index("return")
-    values = (float(line.split(",")[place]) for line in lines[1:])
+def _returns(folder):
+    """The return of each episode of a run, as a whole number where it is one."""
+    values = [record["return"] for record in read_episodes(folder)]
     return [int(value) if value.is_integer() else value for value in values]
 
 
+def main(arguments=None):
+    """Store the returns of a study, or the plane."""
+    parser = argparse.ArgumentParser(description="Store what the notebook on experiments shows.")
+    commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    of_study = commands.add_parser("returns", help="the return of each episode of a study")
+    of_study.add_argument("name", choices=STUDIES, metavar="NAME", help="a stored study")
+    of_study.add_argument("folder", type=Path, metavar="FOLDER", help="where its runs are")
+    commands.add_parser("plane", help="two agents on MountainCar (some minutes)")
+    args = parser.parse_args(arguments)
+    try:
+        store_plane() if args.what == "plane" else store_returns(args.name, args.folder)
+    except (UsageError, OSError) as error:
+        parser.error(str(error))
+
+
 if __name__ == "__main__":
-    what, *others = sys.argv[1:]
-    if what == "plane":
-        store_plane()
-    else:
-        store_returns(others[0], Path(others[1]))
+    main()

@@ -3,11 +3,14 @@
 python paper_checks/page.py    writes them after a change of claims/*.toml, without running a check
 """
 
+import argparse
 import json
 import re
 from collections import Counter
 
 import ledger
+
+from gbdqn_ref.files import write_atomically
 
 PAGE = ledger.HERE / "README.md"
 
@@ -18,8 +21,9 @@ def write(figures):
     rows = ledger.rows({id: known.get(id, {}) | figures.get(id, {}) for id in ledger.CLAIMS})
     content = {"claims": rows, "coverage": ledger.COVERAGE}
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-    ledger.LEDGER.write_text(text, encoding="utf-8")
-    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
+    page = renewed(PAGE.read_text(encoding="utf-8"), content)
+    write_atomically(ledger.LEDGER, lambda file: file.write(text.encode()))
+    write_atomically(PAGE, lambda file: file.write(page.encode()))
 
 
 def renewed(page, content):
@@ -162,4 +166,5 @@ def coverage(paragraphs):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description="Write ledger.json and README.md anew.").parse_args()
     write({})

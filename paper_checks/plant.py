@@ -7,6 +7,7 @@ figure, no control, and no other exception. Reported are the claims that do not 
 the checks that see none; "none" and exit status 0 if there are none.
 """
 
+import argparse
 import os
 import shutil
 import subprocess
@@ -83,9 +84,16 @@ def unseen(faults, tests):
             yield f"{id} sees no fault in {test}"
 
 
-def main(ids):
+def main(arguments=None):
     """Exit status 1 if anything has not been seen."""
-    tests = {id: own for id, own in checks().items() if not ids or id in ids}
+    parser = argparse.ArgumentParser(description="Plant faults, and see that the checks fail.")
+    parser.add_argument("ids", nargs="*", metavar="ID", help="claims, like T1-j; default all")
+    ids, tests = parser.parse_args(arguments).ids, checks()
+    for id in ids:
+        if id not in tests:
+            some = ", ".join(list(tests)[:3])
+            parser.error(f"no claim that has a check is called {id!r}; {some}, … are")
+    tests = {id: own for id, own in tests.items() if not ids or id in ids}
     faults = {name: fault for name, fault in FAULTS.items() if tests.keys() & fault["ids"]}
     report = list(unseen(faults, tests))
     print("\n".join(report) or "none")
@@ -115,4 +123,4 @@ def pytest_runtest_makereport(item, call):
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -4,17 +4,20 @@ results/text.md with each {name of a figure} filled in. `--ledger` writes it.
 python paper_checks/reruns.py acrobot results/acrobot    stores what a study left, compactly
 """
 
+import argparse
 import json
 import re
-import sys
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 from paper import TABLES
 
-from gbdqn_ref import provenance
+from gbdqn_ref import UsageError, provenance
 from gbdqn_ref.agents import AGENTS
+from gbdqn_ref.config import Config
+from gbdqn_ref.files import read_json, write_atomically
+from gbdqn_ref.runs import SUMMARY
 from gbdqn_ref.schedule import LABELS
 from gbdqn_ref.stats import (
     bootstrap_interval,
@@ -54,6 +57,12 @@ READINGS = {
     "mountaincar": SIX,
     "cartpole": UNDRIFTED,
     "hopper-long": {"": {}, "alpha1": {"alpha": 1.0}},
+}
+STORED = {study: (study, {}) for study in STUDIES} | {  # file: (study, what replaces its settings)
+    f"{study}-{name}": (study, changes)
+    for study, readings in READINGS.items()
+    for name, changes in readings.items()
+    if name
 }
 PRINTED = {"acrobot": "Acrobot", "mountaincar": "MountainCar", "hopper": "Hopper"}  # its table
 NAMES = {  # agent: the paper's method
@@ -334,9 +343,33 @@ def _time(episodes):
     return "never" if episodes is None else f"{episodes:g}"
 
 
+# Storing
+
+
+def store(name, folder):
+    """Keep what a study left in its folder; its settings must be those of this name."""
+    path, (study, changes) = folder / "results.json", STORED[name]
+    shapes = dict(settings={"env": (str,)}, agents=[(str,)], seeds=[(int,)], runs=[SUMMARY])
+    results = read_json(path, **shapes)
+    wanted = Config.preset(*STUDIES[study], **changes).resolved().to_dict()
+    others = [key for key, value in results["settings"].items() if value != wanted.get(key)]
+    if others:
+        raise UsageError(f"{path} has other settings than {name} ({', '.join(others)})")
+    text = json.dumps(results, separators=(",", ":")) + "\n"
+    write_atomically(FOLDER / f"{name}.json", lambda file: file.write(text.encode()))
+
+
+def main(arguments=None):
+    """Store the results of a study."""
+    parser = argparse.ArgumentParser(description="Store what a study left, compactly.")
+    parser.add_argument("name", choices=STORED, metavar="NAME", help="like acrobot")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where results.json is")
+    args = parser.parse_args(arguments)
+    try:
+        store(args.name, args.folder)
+    except (UsageError, OSError) as error:
+        parser.error(str(error))
+
+
 if __name__ == "__main__":
-    name, folder = sys.argv[1:]
-    content = json.loads((Path(folder) / "results.json").read_text(encoding="utf-8"))
-    (FOLDER / f"{name}.json").write_text(
-        json.dumps(content, separators=(",", ":")) + "\n", encoding="utf-8"
-    )
+    main()

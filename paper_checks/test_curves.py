@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reruns import stored
 
+from gbdqn_ref.runs import HEADER
 from gbdqn_ref.stats import final_return, regime_table
 
 
@@ -60,7 +61,8 @@ def test_both_are_stored_as_they_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(curves, "DRIFT", 2)
     (tmp_path / "results.json").write_text(json.dumps({"seeds": [3], "agents": ["dqn"]}))
     (tmp_path / "dqn-3").mkdir()
-    (tmp_path / "dqn-3/episodes.csv").write_text("episode,return,steps\n0,-1.5,2\n1,7.0,9\n")
+    lines = [HEADER.decode(), "0,0,start,-1.5,2,2,1.0,nan,", "1,0,,7.0,7,9,1.0,nan,"]
+    (tmp_path / "dqn-3/episodes.csv").write_text("\n".join(lines) + "\n")
     curves.store_returns("short", tmp_path)
     assert (tmp_path / "short-returns.json").read_text() == '{"dqn":[[-1.5,7]]}\n'
     assert curves.returns("short")["dqn"].tolist() == [[-1.5, 7.0]]

@@ -1,5 +1,6 @@
 """Build the site: python site/build.py. It writes _build/pages and, from them, _build/html."""
 
+import argparse
 import shutil
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ BUILT = FOLDER / "_build"
 
 def main():
     """Everything anew, with every warning as an error; the exit status is Sphinx's."""
+    argparse.ArgumentParser(description="Build the site.").parse_args()
     shutil.rmtree(BUILT, ignore_errors=True)
     pages.write(BUILT / "pages", BUILT / "extra")
     folders = [str(BUILT / "pages"), str(BUILT / "html"), "-d", str(BUILT / "trees")]

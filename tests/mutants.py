@@ -6,6 +6,7 @@ be killed, and survivors.md must list every survivor with the reason why no test
 `python tests/mutants.py reports` tests one group alone.
 """
 
+import argparse
 import json
 import random
 import shutil
@@ -114,11 +115,17 @@ def survive(name, group):
     return killed < LEAST or bool(unexplained)
 
 
-def main(chosen):
+def main(arguments=None):
     """Exit status 1 if a group has too many survivors, or any without a reason."""
+    parser = argparse.ArgumentParser(description="Plant one-line bugs and check that tests fail.")
+    parser.add_argument("groups", nargs="*", metavar="GROUP", help="core or reports; default both")
+    chosen = parser.parse_args(arguments).groups
+    for name in chosen:
+        if name not in GROUPS:
+            parser.error(f"no group is called {name!r}; {' and '.join(GROUPS)} are")
     failed = [name for name in chosen or GROUPS if survive(name, GROUPS[name])]
     return int(bool(failed))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

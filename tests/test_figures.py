@@ -270,7 +270,7 @@ def browser():
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, three_tasks):
     folder = tmp_path_factory.mktemp("figures")
-    frames.main(folder)
+    frames.write(folder)
     three = frames.filled("curves", *curves.figure(three_tasks))
     page = frames.PAGE.format(name="curves", html=three)
     (folder / "curves-three.html").write_text(page, encoding="utf-8")

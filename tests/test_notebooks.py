@@ -83,6 +83,27 @@ def test_notebooks_and_sources_match_one_to_one():
     assert {path.stem for path in FOLDER.glob("*.ipynb")} == {path.stem for path in render.SOURCES}
 
 
+def test_a_notebook_is_written_beside_a_clean_copy(tmp_path, monkeypatch):
+    """Without a name, each of them; the copy has no outputs, and finds what the cells import."""
+    (tmp_path / "01_sum.py").write_text("# %%\n1 + 1\n")
+    monkeypatch.setattr(render, "FOLDER", tmp_path)
+    monkeypatch.setattr(render, "SOURCES", [tmp_path / "01_sum.py"])
+    monkeypatch.setattr(render, "execute", answered)
+    render.main([])
+    notebook, copy = (
+        nbformat.read(tmp_path / name, as_version=4)["cells"][0]
+        for name in ("01_sum.ipynb", "clean/01_sum.ipynb")
+    )
+    assert notebook.source == "1 + 1" and notebook.outputs[0].text == "2"
+    assert copy.source == f"{render.PATH}1 + 1" and copy.outputs == []
+
+
+def answered(notebook):
+    """With an output, as if its cells had run."""
+    notebook.cells[0].outputs = [nbformat.v4.new_output("stream", text="2")]
+    return notebook
+
+
 def test_a_cell_that_fails_fails_the_test():
     """Negative control."""
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("assert 1 == 2")])

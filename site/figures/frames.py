@@ -5,6 +5,7 @@
 Letters: N capacity, Q the value of the one state in the replay's figure.
 """
 
+import argparse
 import json
 import re
 import shutil
@@ -27,6 +28,7 @@ from pictures.instrument import RIGHT_WAY, boosted, instrument, right_rooms  # n
 from gbdqn_ref.bellman import td_target  # noqa: E402
 from gbdqn_ref.boosting import closed_form_alpha  # noqa: E402
 from gbdqn_ref.config import Config  # noqa: E402
+from gbdqn_ref.files import write_atomically  # noqa: E402
 from gbdqn_ref.replay import RecencyReplay  # noqa: E402
 
 FIGURES = "rooms", "parabola", "replay", "curves", "theorem"
@@ -264,16 +266,26 @@ PAGE = """<!doctype html>
 """
 
 
-def main(folder):
+def write(folder):
     """Write each figure as a page of its own."""
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for file in FILES:
         shutil.copy(FOLDER / file, folder)
     for name in FIGURES:
-        page = PAGE.format(name=name, html=html(name))
-        (folder / f"{name}.html").write_text(page, encoding="utf-8")
+        page = PAGE.format(name=name, html=html(name)).encode()
+        write_atomically(folder / f"{name}.html", lambda file, page=page: file.write(page))
+
+
+def main(arguments=None):
+    """Write the figures into a folder."""
+    parser = argparse.ArgumentParser(description="Write each live figure as a page of its own.")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the pages go")
+    folder = parser.parse_args(arguments).folder
+    try:
+        write(folder)
+    except OSError as error:
+        parser.error(str(error))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()
