@@ -322,13 +322,6 @@ def test_no_link_is_dead():
             assert not anchor or anchor in ids[target], (name, link, text)
 
 
-def test_no_link_between_the_repositorys_files_is_dead():
-    for path in [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("notebooks/*.md")]:
-        for link in re.findall(r"\]\(([^()\s#]+)[^()\s]*\)", path.read_text(encoding="utf-8")):
-            if not link.startswith("http") and "issues/new" not in link:
-                assert (path.parent / link).exists(), (path.name, link)
-
-
 def test_nothing_is_loaded_from_elsewhere():
     for name in names():
         for address in page(name).loaded:
