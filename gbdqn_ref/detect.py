@@ -142,7 +142,7 @@ class Deaf:
 def make_detector(config, state_dim, n_actions, rng):
     """The detector that the config names."""
     if config.drift_signal != "detector":
-        return Deaf()
+        return Deaf()  # it is told of drifts, as in the paper (D22)
     modelled = config.symptom == "model"
     model = TransitionModel(state_dim, n_actions, rng) if modelled else None
     return Detector(config.symptom, config.alarm_level, model)

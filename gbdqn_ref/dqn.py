@@ -76,7 +76,7 @@ class DQN:
         """
         if event not in ("drift", "reset"):
             raise ValueError(f"an event is 'drift' or 'reset', not {event!r}")
-        c = self.config
+        c = self.config  # D22: what is kept
         if not c.keep_adam:
             self.adam = Adam(self.theta.shape, c.lr)
         self.adam.lr = c.lr * c.lr_factor

@@ -108,7 +108,7 @@ class GBDQN(DQN):
         if len(slots) and c.alpha == "closed-form" and len(self.ensemble):
             q_next = self.q_frozen_next[slots] + (h_next if self.live else 0)
             y = bellman.td_target(replay.r[slots], replay.terminated[slots], q_next, c.gamma)
-            # proportional to P · w: the loss draws with P and weights with w
+            # proportional to P · w (D7): the loss draws with P and weights with w
             weights = (len(slots) * replay.probabilities()) ** (1 - c.is_exponent)
             self.alpha = closed_form_alpha(y - self.q_frozen[slots], h, weights)
         self.ensemble.add(self.theta, self.alpha, carried)
@@ -135,6 +135,7 @@ class GBDQN(DQN):
         self.alpha = self._next_alpha()
 
     def _next_alpha(self):
+        # D15: a number takes the place of Eq. 8
         return 1.0 if self.config.alpha == "closed-form" else self.config.alpha
 
     def _carried(self):

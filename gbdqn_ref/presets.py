@@ -45,7 +45,7 @@ GIVEN: dict[str, dict[str, Any]] = {
         epsilon_decay_steps=100_000,
     ),
 }
-# In the schedules of `paper`, what drifts and when is the paper's; the factors are ours.
+# In the schedules of `paper`, what drifts and when is the paper's; the factors are ours (D13).
 ACROBOT: dict[str, Any] = GIVEN["acrobot"] | dict(
     schedule=[
         {"episode": 150, "gravity": 1.5},
@@ -97,7 +97,7 @@ HOPPER: dict[str, Any] = GIVEN["hopper"] | dict(
 )
 PAPER = {"cartpole": CARTPOLE, "mountaincar": MOUNTAINCAR, "acrobot": ACROBOT, "hopper": HOPPER}
 
-# Fewer episodes, with drifts as soon as there is something to forget.
+# Fewer episodes, with drifts as soon as there is something to forget (D14).
 FAST_CARTPOLE: dict[str, Any] = dict(
     episodes=400,
     lr=1e-3,
@@ -134,7 +134,7 @@ FAST = {
     "hopper": HOPPER | FAST_HOPPER,
 }
 
-# The paper's Hopper ends before much is learnt; this one is three times as long.
+# The paper's Hopper ends before much is learnt; this one is three times as long (D17).
 LONG_HOPPER: dict[str, Any] = dict(
     episodes=1_500,
     learning_starts=1_000,
@@ -145,7 +145,7 @@ LONG_HOPPER: dict[str, Any] = dict(
 )
 LONG = {"hopper": HOPPER | LONG_HOPPER}
 
-# Drifts that break a fixed policy and can be learnt.
+# Drifts that break a fixed policy and can be learnt (D21).
 HARD_ACROBOT: dict[str, Any] = dict(
     schedule=[  # cost a fixed policy 100 %, −40 % and 100 % of the gain from random to trained
         {"episode": 150, "torque": -1.0},
@@ -174,7 +174,7 @@ DETECTOR: dict[str, dict[str, Any]] = {
 }
 
 
-# Physics that recur: each drift costs at least half of the gain and can be learnt.
+# Physics that recur: each drift costs at least half of the gain and can be learnt (D22).
 def _recurring(factors: dict[str, float], *episodes: int) -> list[dict[str, Any]]:
     """A schedule that alternates between these factors and the stock physics."""
     return [

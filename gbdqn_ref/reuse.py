@@ -4,6 +4,7 @@ import numpy as np
 
 from .gbdqn import GBDQN
 
+# In the paper all stages add up to one Q; here their sums so far compete (D22).
 SHELF = 3  # stages that compete
 PATIENCE, WINDOW = 50, 10  # episodes allowed for recovery, and in the mean return
 TURNS = 5  # episodes each, of a stage and of the learner that started from it

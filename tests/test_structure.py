@@ -1,8 +1,11 @@
 """Rules for the code: its size, its imports, its docstrings, its listed deviations."""
 
 import ast
+import inspect
 import re
 import sys
+from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from statistics import median
 
@@ -128,13 +131,30 @@ def test_no_global_random_numbers():
         assert not found, path.name
 
 
+def source(name):
+    """Of a module, a class or a function its source; of a constant the comment above it, too."""
+    module, _, inside = name.partition(".")
+    found = import_module(f"gbdqn_ref.{module}")
+    thing = attrgetter(inside)(found) if inside else found
+    if not isinstance(thing, dict):
+        return inspect.getsource(thing)
+    text = inspect.getsource(found)
+    until = text[: re.search(rf"^{inside}\b.*", text, re.MULTILINE).end()]
+    *_, comment = re.finditer(r"(?:^#.*\n)+", until, re.MULTILINE)
+    return until[comment.start() :]
+
+
 def test_every_deviation_is_listed_once_and_cited_at_its_line():
     page = (ROOT / "paper_checks" / "README.md").read_text()
-    listed = re.findall(r"^\| (D\d+) \|", page, re.MULTILINE)
+    rows = re.findall(r"^\| (D\d+) \|.*\| (.*) \|$", page, re.MULTILINE)
+    listed = [number for number, _ in rows]
     texts = [path.read_text() for path in PACKAGE.glob("*.py")]
     cited = {number for text in texts for number in re.findall(r"\bD\d+\b", text)}
     assert listed == [f"D{i + 1}" for i in range(len(listed))]
     assert set(listed) == cited
+    for number, where in rows:
+        for name in re.findall(r"`(.+?)`", where):
+            assert re.search(rf"\b{number}\b", source(name)), (number, name)
 
 
 def test_every_promise_names_existing_tests():
