@@ -17,7 +17,7 @@ from gbdqn_ref.schedule import LABELS
 __all__ = ["INGREDIENTS", "READINGS", "STUDIES", "TABLES", "curves", "stored"]
 
 NET = MLP((2, 128, 128, 3))
-KEPT = dict(np.load(curves.PLANE))
+KEPT = dict(np.load(curves.PLANE, allow_pickle=False))
 
 
 # MountainCar's plane

@@ -45,7 +45,7 @@ def test_control_another_return_does_not_fit():
 
 
 def test_the_plane_has_what_two_agents_learnt_and_where_they_were():
-    kept = np.load(curves.PLANE)
+    kept = np.load(curves.PLANE, allow_pickle=False)
     for agent in ("gbdqn", "dqn"):
         before, after = kept[f"{agent}_before"], kept[f"{agent}_after"]
         assert before.shape == after.shape and (before != after).any()
@@ -67,7 +67,7 @@ def test_both_are_stored_as_they_are_read(tmp_path, monkeypatch):
     assert (tmp_path / "short-returns.json").read_text() == '{"dqn":[[-1.5,7]]}\n'
     assert curves.returns("short")["dqn"].tolist() == [[-1.5, 7.0]]
     curves.store_plane(agents=("dqn",))
-    kept = np.load(curves.PLANE)
+    kept = np.load(curves.PLANE, allow_pickle=False)
     assert set(kept) == {f"dqn_{name}" for name in ("before", "after")} | {
         f"dqn_visited_{name}" for name in ("before", "after")
     }

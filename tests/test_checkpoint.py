@@ -189,7 +189,7 @@ def test_a_folder_in_place_of_a_file_is_refused(tmp_path):
 
 def rewritten(path, header=None, drop=(), **arrays):
     """The checkpoint at path with another header or other arrays."""
-    with np.load(path) as file:
+    with np.load(path, allow_pickle=False) as file:
         old = dict(file)
     old_header = json.loads(old.pop("header").item())
     new = {name: array for name, array in old.items() if name not in drop} | arrays
@@ -224,7 +224,7 @@ def test_the_checkpoint_of_another_class_is_refused(saved, monkeypatch):
 
 def test_a_checkpoint_from_before_the_class_was_recorded_is_loaded(saved):
     path, agent = saved
-    with np.load(path) as file:
+    with np.load(path, allow_pickle=False) as file:
         arrays = dict(file)
     header = json.loads(arrays.pop("header").item())
     del header["agent"]

@@ -1,7 +1,6 @@
 """A drifted Hopper equals one compiled with other constants; a reset restores everything."""
 
 import copy
-import pickle
 import subprocess
 import sys
 from itertools import product
@@ -152,11 +151,10 @@ def test_after_a_reset_of_the_physics_episodes_equal_a_new_environments():
     assert np.array_equal(trajectory(env.unwrapped, 100), trajectory(HopperEnv(), 100))
 
 
-@pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_of_a_drifted_hopper_has_the_same_drift(twin):
+def test_a_copy_of_a_drifted_hopper_has_the_same_drift():
     env = drift.make("hopper", [{"episode": 0, **ALL}])
     env.reset(seed=0)
-    copied = twin(env)  # Gymnasium rebuilds it from its arguments, which give the stock model
+    copied = copy.deepcopy(env)  # Gymnasium rebuilds it from its arguments: the stock one
     assert not differing(copied, drifted(**ALL))
     (s, info), (copied_s, copied_info) = env.reset(seed=1), copied.reset(seed=1)
     assert info == copied_info and s.tolist() == copied_s.tolist()

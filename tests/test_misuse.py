@@ -300,7 +300,7 @@ def test_the_checkpoint_of_another_run_is_refused(run, tmp_path, capsys):
 
 
 def test_a_checkpoint_of_a_later_format_is_refused(run, capsys):
-    with np.load(run / "checkpoint.npz") as file:
+    with np.load(run / "checkpoint.npz", allow_pickle=False) as file:
         arrays = dict(file)
     arrays["header"] = np.array(json.dumps(json.loads(arrays["header"].item()) | {"format": 99}))
     np.savez(run / "checkpoint.npz", **arrays)
