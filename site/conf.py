@@ -20,9 +20,8 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "links",
+    "figures.directive",
 ]
-if (FOLDER / "figures/directive.py").exists():
-    extensions.append("figures.directive")
 
 # Markdown and notebooks
 myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "dollarmath"]

@@ -31,9 +31,8 @@ def files():
     for source, name in SHOWN.items():
         if name not in pages and (ROOT / source).is_file():
             pages[name] = moved(read(source), source, name)
-    if "what_to_keep.md" in pages:  # the question, and the answer
-        framing = moved(own("what_to_keep.md"), "what_to_keep.md", "what_to_keep.md")
-        pages["what_to_keep.md"] = framing + re.sub(r"^# ", "## ", pages["what_to_keep.md"])
+    name = "what_to_keep.md"  # the question, and the answer
+    pages[name] = moved(own(name), name, name) + re.sub(r"^# ", "## ", pages[name])
     return pages
 
 
