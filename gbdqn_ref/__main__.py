@@ -89,24 +89,26 @@ def _flush(stream: IO[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-class _Parser(ArgumentParser):
+class Parser(ArgumentParser):
+    """A parser whose errors are one line."""
+
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (try {self.prog} --help)")
 
 
 def _parser() -> ArgumentParser:
-    parser = _Parser(
+    parser = Parser(
         prog="python -m gbdqn_ref", description="GB-DQN on drifting environments, in NumPy."
     )
     commands = parser.add_subparsers(required=True, metavar="command")
-    settings = _Parser(add_help=False)
-    settings.add_argument("--env", type=_text, help="cartpole, mountaincar, acrobot or hopper")
+    settings = Parser(add_help=False)
+    settings.add_argument("--env", type=nonempty, help="cartpole, mountaincar, acrobot or hopper")
     settings.add_argument(
         "--preset",
-        type=_text,
+        type=nonempty,
         help="paper (default) or fast; for some environments long, hard, recurring, null, held-out",
     )
-    run = _Parser(add_help=False, parents=[settings])
+    run = Parser(add_help=False, parents=[settings])
     run.add_argument("--seed", type=int, help="default 0")
     run.add_argument(
         "--set", action="append", default=[], metavar="KEY=VALUE", help="any setting; repeatable"
@@ -117,7 +119,7 @@ def _parser() -> ArgumentParser:
         action="store_true",
         help="continue runs that other libraries or other code made; this is recorded",
     )
-    many = _Parser(add_help=False, parents=[run])
+    many = Parser(add_help=False, parents=[run])
     many.add_argument("--jobs", type=int, default=2, help="number of processes; default 2")
     _add_training(commands, run, many)
     _add_pictures(commands)
@@ -130,14 +132,14 @@ def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> N
     """The commands that train."""
     train = commands.add_parser("train", parents=[run], help="train one agent")
     train.add_argument("--agent", help=f"gbdqn (default), {', '.join(list(AGENTS)[1:])}")
-    train.add_argument("--out", type=_text, help="folder; default runs/ENV-AGENT-SEED")
+    train.add_argument("--out", type=nonempty, help="folder; default runs/ENV-AGENT-SEED")
     train.add_argument("--resume", action="store_true", help="continue the run in the folder")
     train.set_defaults(command=_train)
     compare = commands.add_parser(
         "compare", parents=[many], help="train several agents on one seed and compare them"
     )
     compare.add_argument("--agents", default="gbdqn,dqn", help="a list; default gbdqn,dqn")
-    compare.add_argument("--out", type=_text, help="folder; default runs/ENV; its runs are kept")
+    compare.add_argument("--out", type=nonempty, help="folder; default runs/ENV; its runs are kept")
     compare.set_defaults(command=_compare)
     study = commands.add_parser(
         "study", parents=[many], help="train many agents on many seeds and compare them"
@@ -147,10 +149,10 @@ def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> N
         "--seeds", default="5", help="a count (default 5: 0 to 4) or a list like 3,7"
     )
     study.add_argument(
-        "--dask", type=_text, metavar="ADDRESS", help="train on a Dask cluster, tcp://host:8786"
+        "--dask", type=nonempty, metavar="ADDRESS", help="train on a Dask cluster, tcp://host:8786"
     )
     study.add_argument(
-        "--out", type=_text, help="folder; default runs/study-ENV; its runs are kept"
+        "--out", type=nonempty, help="folder; default runs/study-ENV; its runs are kept"
     )
     study.set_defaults(command=_study)
     effect = commands.add_parser(
@@ -158,7 +160,7 @@ def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> N
     )
     effect.add_argument("--agent", default="dqn", help="the agent that learns; default dqn")
     effect.add_argument(
-        "--out", type=_text, help="folder; default runs/effect-ENV; its runs are kept"
+        "--out", type=nonempty, help="folder; default runs/effect-ENV; its runs are kept"
     )
     effect.set_defaults(command=_drift_effect)
 
@@ -166,9 +168,9 @@ def _add_training(commands: Any, run: ArgumentParser, many: ArgumentParser) -> N
 def _add_pictures(commands: Any) -> None:
     """The commands that draw."""
     watch = commands.add_parser("watch", help="film a trained agent before and after a drift")
-    watch.add_argument("run", type=_text, metavar="RUN", help="the folder of a run")
+    watch.add_argument("run", type=nonempty, metavar="RUN", help="the folder of a run")
     watch.add_argument(
-        "--out", type=_text, default="episode.gif", help="the film; default episode.gif"
+        "--out", type=nonempty, default="episode.gif", help="the film; default episode.gif"
     )
     watch.add_argument(
         "--drift", type=int, default=1, metavar="K", help="which drift; default 1, the first"
@@ -177,14 +179,15 @@ def _add_pictures(commands: Any) -> None:
     watch.set_defaults(command=_watch)
     maps = commands.add_parser("maps", help="draw what a booster changed on MountainCar")
     maps.add_argument(
-        "run", type=_text, metavar="RUN", help="the folder of a run of GB-DQN on MountainCar"
+        "run", type=nonempty, metavar="RUN", help="the folder of a run of GB-DQN on MountainCar"
     )
-    maps.add_argument("--out", type=_text, default="maps.png", help="the file; default maps.png")
+    maps.add_argument("--out", type=nonempty, default="maps.png", help="the file; default maps.png")
     maps.add_argument("--booster", type=int, metavar="M", help="2 or later; default the last")
     maps.set_defaults(command=_maps)
 
 
-def _text(text: str) -> str:
+def nonempty(text: str) -> str:
+    """The value of an option that must not be empty."""
     if not text:
         raise argparse.ArgumentTypeError("must not be empty")
     return text
@@ -268,7 +271,7 @@ def _study(args: Namespace) -> None:
     agents = {agent: _config(args, agent) for agent in _agents(args.agents)}
     config = next(iter(agents.values()))
     out = Path(args.out or f"runs/study-{config.env}")
-    with _cluster(args.dask) as executor:
+    with cluster(args.dask) as executor:
         configs = study.grid(agents, _seeds(args.seeds))
         study.complete(configs, out, executor, **_options(args))
     summaries, records = study.report(out)
@@ -313,7 +316,7 @@ def _settings(args: Namespace) -> None:
 
 
 @contextmanager
-def _cluster(address: str | None) -> Iterator[Executor | None]:
+def cluster(address: str | None) -> Iterator[Executor | None]:
     """An executor on a Dask cluster, or None without an address."""
     if address is None:
         yield None

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from gbdqn_ref import stats
+from gbdqn_ref import UsageError, stats
 from gbdqn_ref.schedule import LABELS
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
@@ -363,10 +363,35 @@ def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
     np.testing.assert_allclose(profile, ends)
 
 
-def test_a_study_without_rows_has_a_page_and_no_picture(tmp_path):
-    conclude.main([f"--results={tmp_path}"])
-    assert not (tmp_path / "keep.png").exists()
-    assert "keep.png" not in (tmp_path / "README.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("program", [conclude, decide])
+def test_a_folder_without_runs_is_refused_and_nothing_is_written(tmp_path, program):
+    """Its README may be anybody's, and the answer would be lost."""
+    files = tmp_path / "results" / "README.md", tmp_path / "README.md", tmp_path / "page.md"
+    files[0].parent.mkdir()
+    for path in files:
+        path.write_text(f"mine {decide.BEFORE} {decide.AFTER}", encoding="utf-8")
+    before = [path.read_bytes() for path in files]
+    words = [f"--readme={files[1]}", f"--page={files[2]}"] if program is decide else []
+    for folder in ("results", "nowhere", "page.md"):
+        with pytest.raises(UsageError, match=f"there is no run in .*{folder}"):
+            program.main([f"--results={tmp_path / folder}", *words])
+    assert [path.read_bytes() for path in files] == before
+    assert {path.name for path in tmp_path.iterdir()} == {"results", "README.md", "page.md"}
+
+
+def test_runs_without_returns_have_a_page_and_no_picture(stored):
+    (stored / "mountaincar.npz").unlink()
+    conclude.main([f"--results={stored}"])
+    assert not (stored / "keep.png").exists()
+    assert "keep.png" not in (stored / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_readme_without_a_place_for_the_table_is_refused(tmp_path, stored):
+    readme, page = tmp_path / "READ.md", tmp_path / "page.md"
+    readme.write_text("mine", encoding="utf-8")
+    with pytest.raises(UsageError, match="a README has its table between"):
+        decide.main([f"--results={stored}", f"--readme={readme}", f"--page={page}"])
+    assert readme.read_text(encoding="utf-8") == "mine" and not page.exists()
 
 
 def test_the_stored_page_is_what_the_program_writes():

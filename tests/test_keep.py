@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gbdqn_ref import UsageError, runs, train
+from gbdqn_ref import UsageError, files, runs, train
 from gbdqn_ref import study as studies
 from gbdqn_ref.config import Config
 from gbdqn_ref.schedule import Regime
@@ -19,8 +19,11 @@ KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
 sys.path.append(str(KEEP))
 import calibrate  # noqa: E402
 import cartpole  # noqa: E402
+import conclude  # noqa: E402
+import decide  # noqa: E402
+import forgetting  # noqa: E402
 import study  # noqa: E402
-from protocol import Protocol  # noqa: E402
+from protocol import Protocol, command  # noqa: E402
 
 TINY = """
 decisive = ["drop"]
@@ -72,10 +75,13 @@ margin = 0.0
 """
 
 
+ROW = (study.RESULTS / "rows.jsonl").read_bytes().splitlines()[0]
+
+
 @pytest.fixture
 def tiny(tmp_path, monkeypatch):
     """A function that runs the program on the tiny protocol, in a folder and a thread."""
-    monkeypatch.setattr(study, "executor", lambda _: ThreadPoolExecutor(1))
+    monkeypatch.setattr(study, "cluster", lambda _: ThreadPoolExecutor(1))
     path = tmp_path / "tiny.toml"
     path.write_text(TINY, encoding="utf-8")
     folders = [f"--out={tmp_path / 'out'}", f"--results={tmp_path / 'results'}"]
@@ -189,11 +195,56 @@ def test_the_page_has_cartpoles_table_from_the_stored_files():
     assert len(table) == len(cartpole.ARMS) and set(table) <= set(lines)
 
 
-def test_a_wrong_task_is_refused_in_one_line(tmp_path):
-    command = [sys.executable, KEEP / "study.py", "report", "--tasks=pong", f"--results={tmp_path}"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
-    assert "there is no task 'pong' in the protocol" in done.stderr
+WRONG = {
+    "no seeds": (study, ["report", "--seeds=0"], "--seeds: must be a whole number from 1"),
+    "a negative count": (study, ["tune", "--jobs=-1"], "must be a whole number from 1, not '-1'"),
+    "an unknown command": (study, ["reprot"], "invalid choice: 'reprot'"),
+    "an unknown task": (study, ["report", "--tasks=pong"], "there is no task 'pong'"),
+    "an unknown arm": (study, ["report", "--tasks=acrobot", "--arms=x"], "there is no arm 'x'"),
+    "an empty address": (study, ["report", "--dask="], "--dask: must not be empty"),
+    "runs that are nowhere": (study, ["collect", "--out=nowhere"], "nowhere has no folder"),
+    "a file for a folder": (study, ["report", "--results=mine"], "mine is not a folder"),
+    "no protocol": (study, ["report", "--protocol=nowhere.toml"], "nowhere.toml"),
+    "another file as protocol": (conclude, ["--protocol=mine"], "mine is damaged"),
+    "a folder as protocol": (decide, ["--protocol=."], "directory"),
+    "a misspelt option": (decide, ["--paeg=x"], "unrecognized arguments: --paeg=x"),
+    "no processes": (calibrate, ["record", "--jobs=0"], "must be a whole number from 1, not '0'"),
+    "an empty environment": (calibrate, ["drift", "--envs=acrobot,"], "unknown environment ''"),
+    "a study that is nowhere": (calibrate, ["found", "nowhere"], "no complete run in nowhere"),
+    "levels of a study": (calibrate, ["levels", "mine"], "`found` takes the folders"),
+    "half a seed": (cartpole, ["run", "--seeds=.5"], "must be a whole number from 1, not '.5'"),
+    "a table of nothing": (cartpole, ["table", "--out=nowhere"], "there is no run in nowhere"),
+    "no jobs": (forgetting, ["run", "--jobs=0"], "must be a whole number from 1, not '0'"),
+    "another table of nothing": (forgetting, ["table", "--out=nowhere"], "-dqn in nowhere"),
+}
+
+
+@pytest.mark.parametrize(("program", "words", "message"), WRONG.values(), ids=WRONG)
+def test_what_is_wrong_is_said_in_one_line(tmp_path, monkeypatch, capsys, program, words, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").write_text("mine", encoding="utf-8")
+    with pytest.raises(SystemExit, match="2"):
+        command(lambda: program.main(words))
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and message in error
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"mine"]
+
+
+def test_a_folder_in_use_is_refused(tmp_path):
+    """Two processes that add rows to one file would each lose the other's."""
+    with files.locked(tmp_path), pytest.raises(UsageError, match="in use by another process"):
+        study.main(["collect", f"--results={tmp_path}"])
+
+
+def test_a_run_that_is_refused_keeps_its_checkpoint(tmp_path, tiny):
+    """Without it nobody would know when its agent raised alarms."""
+    tiny("tune", "--tasks=mini")
+    folder = tmp_path / "out" / "reported" / "mini" / "drop" / "drop-2000"
+    runs.train(Config.preset("cartpole", "fast", seed=2000, episodes=2), folder, quiet=True)
+    with pytest.raises(UsageError, match="made with other settings"):
+        tiny("collect")
+    assert (folder / "checkpoint.npz").exists()
+    assert not (tmp_path / "results" / "rows.jsonl").exists()
 
 
 @pytest.mark.parametrize("program", ["study.py", "conclude.py", "decide.py"])
@@ -205,13 +256,18 @@ def test_a_wrong_task_is_refused_in_one_line(tmp_path):
         ("acrobot.npz", b"{"),
         ("acrobot.npz", (study.RESULTS / "acrobot.npz").read_bytes()[:9_999]),
         ("acrobot-tuned.json", b"{"),
+        ("acrobot-tuned.json", b'{"twin": 1}'),
+        ("rows.jsonl", ROW.replace(b'"value"', b'"values"')),
+        ("rows.jsonl", re.sub(rb'"value": [^,]*', b'"value": NaN', ROW)),
+        ("rows.jsonl", re.sub(rb'"alarms": [^}]*', b'"alarms": null', ROW)),
+        ("acrobot.npz", (study.RESULTS / "acrobot.npz").read_bytes()),  # without its rows
     ],
 )
 def test_a_damaged_file_is_named_in_one_line(tmp_path, program, name, content):
     (tmp_path / name).write_bytes(content)
     words = ["collect"] if program == "study.py" else []
-    command = [sys.executable, KEEP / program, *words, f"--results={tmp_path}"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    words = [sys.executable, KEEP / program, *words, f"--results={tmp_path}"]
+    done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
     assert done.stderr.startswith(f"{program}: ") and str(tmp_path / name) in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == [name]
@@ -348,7 +404,7 @@ def test_charted_files_that_are_missing_or_damaged(tmp_path):
 )
 def test_a_damaged_run_is_named_in_one_line(tmp_path, program, name):
     (tmp_path / name).write_text("{", encoding="utf-8")
-    command = [sys.executable, KEEP / program, "table", f"--out={tmp_path}"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    words = [sys.executable, KEEP / program, "table", f"--out={tmp_path}"]
+    done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert done.stderr.startswith(f"{program}: {tmp_path / name} is damaged")

@@ -32,13 +32,14 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import command
+from protocol import command, count
 from study import RESULTS, read_arrays
 
 from gbdqn_ref import UsageError, detect, files, runs, stats, train
+from gbdqn_ref.__main__ import Parser
 from gbdqn_ref.config import Config
 from gbdqn_ref.presets import DETECTOR
-from gbdqn_ref.schedule import LABELS
+from gbdqn_ref.schedule import LABELS, check_environment
 
 LEVELS = (4, 4.5, 5, 6, 8, 10, 12, 15, 20, 25, 30)
 SHOWN = {  # what is charted, in words, and the levels in the table
@@ -49,6 +50,7 @@ SHOWN = {  # what is charted, in words, and the levels in the table
 WIDE = *LEVELS, 40, 60, 80, 100  # and slacks: the charts among which the quiet ones are sought
 SLACKS = 0.5, 1.0, 2.0
 AFTER = 20  # episodes after the drift that are recorded
+PRESETS = {"record": "null", "drift": "recurring"}
 FILES = {"null": "{}-charted.npz", "recurring": "{}-drifted.npz"}  # preset: environment's file
 SEEDS, BLOCK, RUNS = 20, 100, 400  # recorded runs, episodes in a block, bootstrapped runs
 WITHIN, FAR = 10, 50  # episodes in which a drift must be found, and after which an alarm is false
@@ -101,11 +103,12 @@ def recorded(env, results, preset="null"):
     """What was charted in an environment, {symptom: one list per seed}."""
     path = results / FILES[preset].format(env)
     if not path.exists():
-        what = "record" if preset == "null" else "drift"
-        raise UsageError(f"there is no {path}; `{what}` writes it")
+        raise UsageError(f"there is no {path}; `record` and `drift` write such files")
     arrays = read_arrays(path)
     seeds = range(len(arrays) // len(SHOWN))
     with files.undamaged(path):
+        if not seeds:
+            raise ValueError("it has no run")
         return {s: [arrays[f"{s}-{seed}"].tolist() for seed in seeds] for s in SHOWN}
 
 
@@ -160,6 +163,8 @@ def best_quiet(symptom, calm, drifted):
 def many(env, series):
     """So many bootstrapped runs from the recorded ones, each in its turn."""
     first, rng = Config.preset(env, "null").regimes[1].start, np.random.default_rng(0)
+    if min(map(len, series)) < first + BLOCK:
+        raise UsageError(f"a run that is recorded of {env} has fewer than {first + BLOCK} episodes")
     return [bootstrapped(series[i % len(series)], first, rng) for i in range(RUNS)]
 
 
@@ -225,8 +230,10 @@ def by_size(series, level, first, floor):
 
 def found(folder):
     """Print per agent how many costly drifts its alarms found, and how many alarms were false."""
-    counts = {}
-    for path in sorted(folder.glob("*/summary.json")):
+    counts, complete = {}, sorted(folder.glob("*/summary.json"))
+    if not complete:
+        raise UsageError(f"there is no complete run in {folder}; it needs the folder of a study")
+    for path in complete:
         config, records = runs.read_config(path.parent), runs.read_episodes(path.parent)
         _, agent = runs.read_agent(path.parent)
         ends = [each["steps"] for each in records]
@@ -268,30 +275,42 @@ def random_return(env):
     return runs.random_return(Config(env=env))
 
 
+def keep(preset, envs, results, jobs):
+    """Record twenty runs of each environment under a preset, and write its file."""
+    with files.locked(results), ProcessPoolExecutor(jobs) as pool:
+        for env in envs:
+            arrays = dict(ChainMap(*pool.map(partial(record, env, preset), range(SEEDS))))
+            save = partial(np.savez_compressed, **arrays)
+            files.write_atomically(results / FILES[preset].format(env), save)
+
+
+def environments(text):
+    """The value of --envs, every one of which exists."""
+    envs = text.split(",")
+    try:
+        list(map(check_environment, envs))
+    except UsageError as e:
+        raise argparse.ArgumentTypeError(e) from e
+    return envs
+
+
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=["record", "drift", "levels", "quiet", "found"])
+    parser = Parser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=[*PRESETS, "levels", "quiet", "found"])
     parser.add_argument("folders", nargs="*", type=Path)
-    parser.add_argument("--envs", default=",".join(DETECTOR))
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--envs", type=environments, default=",".join(DETECTOR))
+    parser.add_argument("--jobs", type=count, default=2)
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
-    envs = args.envs.split(",")
-    if args.what in ("record", "drift"):
-        preset = "null" if args.what == "record" else "recurring"
-        args.results.mkdir(parents=True, exist_ok=True)
-        with ProcessPoolExecutor(args.jobs) as pool:
-            for env in envs:
-                arrays = dict(ChainMap(*pool.map(partial(record, env, preset), range(SEEDS))))
-                save = partial(np.savez_compressed, **arrays)
-                files.write_atomically(args.results / FILES[preset].format(env), save)
-    elif args.what == "quiet":
-        for env in envs:
-            quiet(env, args.results)
-    elif args.what == "levels":
-        print(table(args.results, envs))
-        for env in envs:
-            levels(env, args.results)
+    if bool(args.folders) != (args.what == "found"):
+        parser.error("`found` takes the folders of studies, the others take none")
+    if args.what in PRESETS:
+        keep(PRESETS[args.what], args.envs, args.results, args.jobs)
+        return
+    if args.what == "levels":
+        print(table(args.results, args.envs))
+    for env in args.envs if args.what != "found" else ():
+        {"levels": levels, "quiet": quiet}[args.what](env, args.results)
     for folder in args.folders:
         found(folder)
 

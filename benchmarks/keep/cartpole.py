@@ -15,7 +15,6 @@ rate. Neither explains a loss in the first 20 episodes that remains at the highe
 which lets returns decide between the old Q and the new, asks whether that loss can be avoided.
 """
 
-import argparse
 import copy
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -24,13 +23,15 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from protocol import command
+from protocol import command, count
 
-from gbdqn_ref import bellman, files, stats, train
+from gbdqn_ref import UsageError, bellman, files, stats, train
+from gbdqn_ref.__main__ import Parser
 from gbdqn_ref.config import Config
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep" / "cartpole"
 FIRST, EPISODE, AFTER, EARLY, LATE = 20, 300, 100, 20, 50  # the first seed, then episodes
+SHOWN = dict.fromkeys(("first", "last", "late dormant"), files.NUMBER)
 LARGEST = 100.0  # 1 / (1 − γ): no return is above it
 EVENTS = {
     "null": dict(gravity=1.0, keep_data=1.0),
@@ -72,13 +73,22 @@ def run_seed(out, seed):
     base = train.make_agent(config)
     returns = [record["return"] for record in islice(train.run(config, base), EPISODE)]
     result = {"before": measures(base) | {"return": float(np.mean(returns[-LATE:]))}}
-    for event in EVENTS:
-        for arm, (values, way, on_null) in ARMS.items():
-            if event == "gravity" or on_null:
-                config = config_of(event, seed, **values)
-                result[f"{event}: {arm}"] = run_arm(copy.deepcopy(base), config, way)
+    for event, arm in forks():
+        values, way, _ = ARMS[arm]
+        config = config_of(event, seed, **values)
+        result[f"{event}: {arm}"] = run_arm(copy.deepcopy(base), config, way)
     rounded = {arm: {key: round(x, 3) for key, x in each.items()} for arm, each in result.items()}
     files.write_json(out / f"{seed}.json", rounded)
+
+
+def forks():
+    """(event, arm) of every run that goes on from the fork."""
+    return [
+        (event, arm)
+        for event in EVENTS
+        for arm, (*_, on_null) in ARMS.items()
+        if event == "gravity" or on_null
+    ]
 
 
 def run_arm(agent, config, way):
@@ -177,7 +187,10 @@ def table(out):
     The mean returns of the first and of the last episodes, the difference of the latter to DQN's
     with its 95 % interval, and the share of dormant units at the end.
     """
-    seeds = [files.read_json(path) for path in sorted(out.glob("[0-9]*.json"))]
+    shape = {f"{event}: {arm}": SHOWN for event, arm in forks()}
+    seeds = [files.read_json(path, **shape) for path in sorted(out.glob("[0-9]*.json"))]
+    if not seeds:
+        raise UsageError(f"there is no run in {out}; `run` writes some")
     return [
         f"| {arm} | {cells(seeds, 'null', arm)} | {cells(seeds, 'gravity', arm)} |" for arm in ARMS
     ]
@@ -185,12 +198,10 @@ def table(out):
 
 def cells(seeds, event, arm):
     """An arm's four cells for one event, empty if the event does not have it."""
-    rows = [seed.get(f"{event}: {arm}") for seed in seeds]
-    if None in rows:
+    if (event, arm) not in forks():
         return " | | | "
-    first, last, dormant = (
-        stats.iqm([row[name] for row in rows]) for name in ("first", "last", "late dormant")
-    )
+    rows = [seed[f"{event}: {arm}"] for seed in seeds]
+    first, last, dormant = (stats.iqm([row[name] for row in rows]) for name in SHOWN)
     dqn = [seed[f"{event}: DQN"]["last"] for seed in seeds]
     apart = [row["last"] - other for row, other in zip(rows, dqn, strict=True)]
     low, high = stats.bootstrap_interval(np.array(apart), np.random.default_rng(0))
@@ -198,13 +209,13 @@ def cells(seeds, event, arm):
     return f"{first:.0f} | {last:.0f} | {difference} | {dormant:.2f}"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(arguments=None):
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["run", "table"])
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seeds", type=count, default=20)
+    parser.add_argument("--jobs", type=count, default=2)
     parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     if args.what == "run":
         args.out.mkdir(parents=True, exist_ok=True)
         seeds = [

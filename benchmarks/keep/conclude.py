@@ -7,7 +7,6 @@ README.md and keep.png beside them. Nothing is trained. A table has what is ther
 what is missing.
 """
 
-import argparse
 import re
 import sys
 from functools import partial
@@ -22,7 +21,8 @@ from PIL import Image
 from protocol import FILE, Protocol, command, runs_of
 from study import EDGE, FINAL, RESULTS, WINDOW, Store, chosen
 
-from gbdqn_ref import files, plots, stats
+from gbdqn_ref import UsageError, files, plots, stats
+from gbdqn_ref.__main__ import Parser
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
 
@@ -135,7 +135,10 @@ class Study:
 def stored(results=RESULTS, protocol=FILE):
     """The study in a folder; what it has not tuned has the settings that are tuned here."""
     tuned = chosen(RESULTS) | chosen(results)
-    return Study(Store(Protocol(protocol, tuned), results))
+    store = Store(Protocol(protocol, tuned), results)
+    if not store.rows:
+        raise UsageError(f"there is no run in {results}; study.py report writes some")
+    return Study(store)
 
 
 def exact_interval(k, n, level=0.95):
@@ -593,7 +596,7 @@ def colour(study, arm):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
@@ -603,9 +606,8 @@ def main(arguments=None):
     if drawn(study):
         path = args.results / "keep.png"
         plots.save(picture(study), path)
-        Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(
-            path, optimize=True
-        )
+        few = Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        files.write_atomically(path, partial(few.save, format="png", optimize=True))
 
 
 if __name__ == "__main__":

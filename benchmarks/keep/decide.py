@@ -4,7 +4,6 @@ the README's table.
 python benchmarks/keep/decide.py
 """
 
-import argparse
 from collections import Counter
 from pathlib import Path
 
@@ -12,7 +11,8 @@ from conclude import hypotheses, interval, markdown, side, signed, stored, words
 from protocol import FILE, command
 from study import RESULTS
 
-from gbdqn_ref import files, stats
+from gbdqn_ref import UsageError, files, stats
+from gbdqn_ref.__main__ import Parser
 from gbdqn_ref.schedule import LABELS
 
 ROOT = Path(__file__).parents[2]
@@ -150,6 +150,8 @@ def levels(study):
 
 def readme(study, text):
     """The README with its table written anew."""
+    if BEFORE not in text or AFTER not in text:
+        raise UsageError(f"a README has its table between {BEFORE.strip()} and {AFTER}")
     start, end = text.index(BEFORE) + len(BEFORE), text.index(AFTER)
     return f"{text[:start]}\n{signed(markdown(levels(study)))}\n\n{text[end:]}"
 
@@ -166,7 +168,7 @@ def page(study):
 
 
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--page", type=Path, default=PAGE)

@@ -13,17 +13,18 @@ less than DQN that is told of the drifts and drops its data, since what is no lo
 and no size of the neighbourhoods does well on both tasks.
 """
 
-import argparse
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import command, primary
+from protocol import command, count, primary
 
-from gbdqn_ref import drift, files, stats, train
+from gbdqn_ref import UsageError, drift, files, stats, train
+from gbdqn_ref.__main__ import Parser
 from gbdqn_ref.config import Config
+from gbdqn_ref.files import NUMBER
 from gbdqn_ref.replay import UniformReplay
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep" / "forgetting"
@@ -100,6 +101,8 @@ def table(out):
         for env in BINS:
             ours, plain = stored(out, env, arm), stored(out, env, "uniform")
             seeds = sorted(ours.keys() & plain.keys())
+            if not seeds:
+                raise UsageError(f"there is no run of {env}-{arm} in {out}; `run` writes some")
             x, y = ([each[seed]["value"] for seed in seeds] for each in (ours, plain))
             apart, low, high = stats.paired_difference(x, y, np.random.default_rng(0))
             drawn = np.mean([each["drawn"] for each in ours.values()])
@@ -112,16 +115,17 @@ def table(out):
 def stored(out, env, arm):
     """{seed: measures} of the runs that are stored."""
     paths = out.glob(f"{env}-{arm}-[0-9]*.json")
-    return {int(path.stem.split("-")[-1]): files.read_json(path) for path in paths}
+    shape = dict(value=NUMBER, drawn=(int,))
+    return {int(path.stem.split("-")[-1]): files.read_json(path, **shape) for path in paths}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def main(arguments=None):
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["run", "table"])
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seeds", type=count, default=10)
+    parser.add_argument("--jobs", type=count, default=2)
     parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     if args.what == "run":
         args.out.mkdir(parents=True, exist_ok=True)
         jobs = product([args.out], BINS, ARMS, range(FIRST, FIRST + args.seeds))

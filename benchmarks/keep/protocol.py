@@ -5,6 +5,7 @@ range, an arm, a task or a hypothesis that is not in it, a run counted twice, a 
 settings or by other code.
 """
 
+import argparse
 import hashlib
 import json
 import sys
@@ -13,10 +14,23 @@ from pathlib import Path
 
 import numpy as np
 
-from gbdqn_ref import UsageError, provenance, stats
+from gbdqn_ref import UsageError, files, provenance, stats
 from gbdqn_ref.config import Config
 
 FILE = Path(__file__).with_name("protocol.toml")
+TEXT, NAMES = (str,), [(str,)]
+SHAPE = {
+    "decisive": NAMES,
+    "seeds": (dict,),
+    "looks": {"seeds": [(int,)], "error": files.NUMBER},
+    "tuning": {"methods": (dict,)},
+    "tasks": (dict,),
+    "arms": (dict,),
+    "hypotheses": [
+        {"id": TEXT, "says": TEXT, "tasks": NAMES, "arm": TEXT, "against": NAMES}
+        | {"margin": files.NUMBER}
+    ],
+}
 
 
 class Protocol:
@@ -26,13 +40,24 @@ class Protocol:
     """
 
     def __init__(self, path=FILE, tuned=None):
-        self.content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        with files.undamaged(path):
+            self.content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            files.check_shape(self.content, SHAPE, "it")
+            methods = self.content["tuning"]["methods"]
+            for named, shape in (
+                (self.content["tasks"], {"preset": TEXT, "parts": NAMES}),
+                (self.content["arms"], {"agent": TEXT, "parts": NAMES}),
+                (methods, {"on": TEXT, "arms": NAMES}),
+            ):
+                for name, each in named.items():
+                    files.check_shape(each, shape, name)
         for name in ("seeds", "looks", "tasks", "arms", "hypotheses"):
             setattr(self, name, self.content[name])
         self.tuned = {} if tuned is None else tuned
-        methods = self.content["tuning"]["methods"]
         self.method = {arm: name for name, method in methods.items() for arm in method["arms"]}
         ids = [each["id"] for each in self.hypotheses]
+        if not self.looks["seeds"]:
+            raise UsageError("a protocol looks at the runs at least once; looks.seeds is empty")
         if len(set(ids)) < len(ids) or len(ids) > 8:
             raise UsageError(f"a protocol has at most eight hypotheses, each once, not {ids}")
         for hypothesis in self.hypotheses:
@@ -144,11 +169,18 @@ class Protocol:
         return decided
 
 
+def count(text):
+    """The value of an option that is a whole number from 1."""
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1, not {text!r}")
+    return int(text)
+
+
 def command(main):
     """Run a program; what it refuses is one line, and exit status 2."""
     try:
         main()
-    except UsageError as e:
+    except (UsageError, OSError) as e:
         print(f"{Path(sys.argv[0]).name}: {e}", file=sys.stderr)
         sys.exit(2)
 

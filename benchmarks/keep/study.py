@@ -12,20 +12,34 @@ as they go on, and a run whose row is stored is not trained again, on whatever m
 --results everything is run again, with the settings that are stored here.
 """
 
-import argparse
 import io
 import json
-from concurrent.futures import Executor
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import FILE, Protocol, code_hash, command, primary, settings_hash
+from protocol import FILE, Protocol, code_hash, command, count, primary, settings_hash
 
-from gbdqn_ref import files, runs, stats, study
+from gbdqn_ref import UsageError, files, runs, stats, study
+from gbdqn_ref.__main__ import Parser, cluster, nonempty
+from gbdqn_ref.files import NUMBER
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
-NAMED = dict.fromkeys(["task", "arm", "code", "settings"], (str,)) | dict(seed=(int,))
+MAYBE = (int, type(None))
+ROW = dict.fromkeys(("task", "arm", "code", "settings"), (str,)) | {
+    "seed": (int,),
+    "value": NUMBER,
+    "regimes": [NUMBER],
+    "first": [NUMBER],
+    "final": NUMBER,
+    "steps": (int,),
+    "recovery": [MAYBE],
+    "calm": [MAYBE],
+    "evaluation": [[NUMBER]],
+    "alarms": [(int,)],
+}
+TUNED = {"chosen": (dict,), "first": (list,), "best": (list,)}
 EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
 
 
@@ -104,7 +118,6 @@ def report(protocol, store, task, arms, seeds, out, pool):
     """Train arms of a task on the first so many seeds to report, and store the rows."""
     low, _ = protocol.seeds["report"]
     for arm in arms or protocol.arms_of(task):
-        protocol.check(task, arm)
         missing = [k for k in range(low, low + seeds) if (task, arm, k) not in store.rows]
         configs = {f"{arm}-{k}": protocol.reported(task, arm, k) for k in missing}
         if configs:
@@ -123,31 +136,48 @@ class Store:
         path = self.folder / "rows.jsonl"
         with files.undamaged(path):
             lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-            rows = [json.loads(line) for line in lines]
+            rows = [json.loads(line, parse_constant=int) for line in lines]  # refuses NaN
             for row in rows:
-                files.check_shape(row, NAMED, "a row")
+                files.check_shape(row, ROW, "a row")
             self.rows = {(row["task"], row["arm"], row["seed"]): row for row in rows}
         protocol.check_rows(rows)
         self.returns = {}  # {task: {"ARM-SEED": returns}}
         for task in protocol.tasks:
             if (path := self.folder / f"{task}.npz").exists():
                 self.returns[task] = read_arrays(path)
+                with files.undamaged(path):
+                    self.check_returns(task)
+
+    def check_returns(self, task):
+        """ValueError unless a task's returns are of runs that have rows, one per episode."""
+        for name, returns in self.returns[task].items():
+            arm, _, seed = name.rpartition("-")
+            if (task, arm, int(seed)) not in self.rows:
+                raise ValueError(f"there is no row of its run {name}")
+            episodes = self.protocol.reported(task, arm, int(seed)).episodes
+            if returns.shape != (episodes,) or not np.isfinite(returns).all():
+                raise ValueError(f"{name} is not the return of {episodes} episodes")
 
     def collect(self, out):
         """Add the runs in a folder that are complete, write everything, and drop the checkpoints.
 
         A checkpoint is only needed to know when an agent raised alarms.
         """
-        for path in sorted(Path(out).glob("*/*/*/summary.json")):
+        complete = sorted(Path(out).glob("*/*/*/summary.json"))
+        for path in complete:
             task, arm = path.parts[-4:-2]
             config = runs.read_config(path.parent)
             if (task, arm, config.seed) not in self.rows:
+                wanted = self.protocol.reported(task, arm, config.seed)
+                if settings_hash(config) != settings_hash(wanted):
+                    raise UsageError(f"the run in {path.parent} was made with other settings")
                 records = runs.read_episodes(path.parent)
                 returns = np.array([record["return"] for record in records])
                 _, agent = runs.read_agent(path.parent)
                 self.add(task, arm, config, row(config, records, returns, agent), returns)
-            (path.parent / "checkpoint.npz").unlink(missing_ok=True)
         self.write()
+        for path in complete:
+            (path.parent / "checkpoint.npz").unlink(missing_ok=True)
 
     def add(self, task, arm, config, measured, returns):
         """Add one run."""
@@ -237,6 +267,9 @@ def chosen(results):
     """{task: {method: settings}} of every task that is tuned."""
     paths = sorted(Path(results).glob("*-tuned.json"))
     contents = {path: files.read_json(path) for path in paths}
+    for path, content in contents.items():
+        with files.undamaged(path):
+            files.check_shape(content, dict.fromkeys(content, TUNED), "it")
     return {
         path.name.removesuffix("-tuned.json"): {
             method: each["chosen"] for method, each in content.items()
@@ -245,39 +278,35 @@ def chosen(results):
     }
 
 
-def executor(address) -> Executor | None:
-    """A Dask cluster's executor, or None for processes of this machine."""
-    if address is None:
-        return None
-    from distributed import Client
-
-    return Client(address).get_executor()
-
-
 def main(arguments=None):
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["tune", "report", "collect"])
     parser.add_argument("--tasks", default="acrobot,mountaincar,cartpole")
     parser.add_argument("--arms", type=lambda text: text.split(","), help="default: all")
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--dask", metavar="ADDRESS")
+    parser.add_argument("--seeds", type=count, default=20)
+    parser.add_argument("--jobs", type=count, default=2)
+    parser.add_argument("--dask", type=nonempty, metavar="ADDRESS")
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--out", type=Path, default=Path("runs/keep"))
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
-    args.results.mkdir(parents=True, exist_ok=True)
-    protocol = Protocol(args.protocol, chosen(RESULTS) | chosen(args.results))
-    pool = {"jobs": args.jobs, "executor": executor(args.dask)}
-    store = Store(protocol, args.results)
-    if args.what == "collect":
-        store.collect(args.out / "reported")
-    for task in args.tasks.split(",") if args.what != "collect" else ():
-        if args.what == "tune":
-            tune(protocol, task, args.out / "tuning" / task, args.results, pool)
-        else:
-            out = args.out / "reported"
-            report(protocol, store, task, args.arms, args.seeds, out, pool)
+    with files.locked(args.results), cluster(args.dask) as executor:
+        protocol = Protocol(args.protocol, chosen(RESULTS) | chosen(args.results))
+        store = Store(protocol, args.results)
+        if args.what == "collect":
+            if not (args.out / "reported").is_dir():
+                raise UsageError(f"{args.out} has no folder 'reported', as `report` makes one")
+            store.collect(args.out / "reported")
+            return
+        tasks, pool = args.tasks.split(","), {"jobs": args.jobs, "executor": executor}
+        for task, arm in product(tasks, args.arms or [None]):
+            protocol.check(task, arm) if arm else protocol.parts(task)
+        for task in tasks:
+            if args.what == "tune":
+                tune(protocol, task, args.out / "tuning" / task, args.results, pool)
+            else:
+                out = args.out / "reported"
+                report(protocol, store, task, args.arms, args.seeds, out, pool)
 
 
 if __name__ == "__main__":
