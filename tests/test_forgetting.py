@@ -45,8 +45,10 @@ def test_the_table_pairs_by_seed_and_counts_what_is_drawn(tmp_path):
         value = -150.0 + (arm == "told") * (5.0 + seed) - seed
         content = f'{{"value": {value}, "drawn": {1000 + seed}}}'
         (tmp_path / f"{env}-{arm}-{seed}.json").write_text(content, encoding="utf-8")
-    *_, told = forgetting.table(tmp_path)
-    assert told == "| told" + 2 * " | -145.0 | +16.5 [+8.0, +25.0] | 1,012" + " |"
+    *_, local, told = forgetting.table(tmp_path)
+    lead = "+16.5 [+8.0, +25.0]"
+    assert told == f"| told{2 * f' | -145.0 | {lead} |  | 1,012'} |"
+    assert local == f"| local-80{2 * f' | -161.5 | +0.0 [+0.0, +0.0] | {lead} | 1,012'} |"
 
 
 @pytest.mark.parametrize("arm", forgetting.ARMS)

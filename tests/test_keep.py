@@ -126,7 +126,7 @@ def test_from_tuning_to_rows(tmp_path, tiny, monkeypatch):
     )
     assert rows[3]["final"] == pytest.approx(returns.mean(), abs=1e-4)
     assert len(rows[3]["evaluation"]) == 3
-    with np.load(tmp_path / "results" / "mini.npz") as arrays:
+    with np.load(tmp_path / "results" / "mini.npz", allow_pickle=False) as arrays:
         assert sorted(arrays) == ["drop-2000", "drop-2001"], "of the decisive arm only"
         np.testing.assert_allclose(arrays["drop-2001"][3:].mean(), rows[1]["value"], rtol=1e-5)
     assert not list(tmp_path.glob("out/reported/**/checkpoint.npz"))
@@ -189,10 +189,11 @@ def test_a_diverged_run_counts_as_the_random_policy(tmp_path, tiny):
         study.diverged(protocol.reported("mini-null", "drop", 2000), "MemoryError: 9 GiB")
 
 
-def test_the_page_has_cartpoles_table_from_the_stored_files():
+@pytest.mark.parametrize("program", [cartpole, forgetting])
+def test_the_page_has_the_table_of_the_stored_files(program):
     lines = (KEEP / "README.md").read_text(encoding="utf-8").splitlines()
-    table = cartpole.table(cartpole.RESULTS)
-    assert len(table) == len(cartpole.ARMS) and set(table) <= set(lines)
+    table = program.table(program.RESULTS)
+    assert len(table) == len(program.ARMS) and set(table) <= set(lines)
 
 
 WRONG = {

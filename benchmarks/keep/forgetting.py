@@ -92,24 +92,30 @@ def run_one(job):
 
 
 def table(out):
-    """The lines of a Markdown table: the IQM of each arm's return, its paired difference to that of
-    uniform draws with its 95 % interval, and how many transitions are drawn, on each task.
+    """The lines of a Markdown table, on each task: the IQM of an arm's return, what it gains over
+    uniform draws and what an agent that is told gains over it, paired and with 95 % intervals, and
+    how many transitions are drawn in the end.
     """
     lines = []
     for arm in ARMS:
         cells = []
         for env in BINS:
-            ours, plain = stored(out, env, arm), stored(out, env, "uniform")
-            seeds = sorted(ours.keys() & plain.keys())
+            runs = {each: stored(out, env, each) for each in (arm, "uniform", "told")}
+            seeds = sorted(set.intersection(*map(set, runs.values())))
             if not seeds:
                 raise UsageError(f"there is no run of {env}-{arm} in {out}; `run` writes some")
-            x, y = ([each[seed]["value"] for seed in seeds] for each in (ours, plain))
-            apart, low, high = stats.paired_difference(x, y, np.random.default_rng(0))
-            drawn = np.mean([each["drawn"] for each in ours.values()])
-            cells += [f"{stats.iqm(x):.1f}", f"{apart:+.1f} [{low:+.1f}, {high:+.1f}]"]
-            cells += [f"{drawn:,.0f}"]
+            values = {each: [runs[each][k]["value"] for k in seeds] for each in runs}
+            drawn = np.mean([runs[arm][k]["drawn"] for k in seeds])
+            cells += [f"{stats.iqm(values[arm]):.1f}"]
+            cells += [lead(values, arm, "uniform"), lead(values, "told", arm), f"{drawn:,.0f}"]
         lines.append(f"| {arm} | {' | '.join(cells)} |")
     return lines
+
+
+def lead(values, arm, other):
+    """Arm minus other in words; nothing of an arm minus itself."""
+    apart, low, high = stats.paired_difference(values[arm], values[other], np.random.default_rng(0))
+    return f"{apart:+.1f} [{low:+.1f}, {high:+.1f}]" if arm != other else ""
 
 
 def stored(out, env, arm):
