@@ -15,7 +15,6 @@ as they go on, and a run whose row is stored is not trained again, on whatever m
 import io
 import json
 from functools import partial
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -299,8 +298,9 @@ def main(arguments=None):
             store.collect(args.out / "reported")
             return
         tasks, pool = args.tasks.split(","), {"jobs": args.jobs, "executor": executor}
-        for task, arm in product(tasks, args.arms or [None]):
-            protocol.check(task, arm) if arm else protocol.parts(task)
+        for task in tasks:
+            for arm in args.arms or protocol.arms_of(task):
+                protocol.check(task, arm)
         for task in tasks:
             if args.what == "tune":
                 tune(protocol, task, args.out / "tuning" / task, args.results, pool)
