@@ -67,6 +67,16 @@ def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
     return 0, []
 
 
+def program(run: Callable[[], int | None]) -> NoReturn:
+    """Run a program beside the package and exit; what it refuses is one line, and status 2."""
+    try:
+        status = run()
+    except (UsageError, OSError) as e:
+        print(f"{os.path.basename(sys.argv[0])}:", *str(e).split(), file=sys.stderr)
+        status = 2
+    sys.exit(status)
+
+
 def _own_process() -> None:
     """Make SIGTERM act like Ctrl-C, and make every text printable, perhaps with ? in it."""
     _handle_signals(signal.default_int_handler)

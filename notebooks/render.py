@@ -2,7 +2,6 @@
 copy without outputs: python notebooks/render.py [NAME …]
 """
 
-import argparse
 import json
 import os
 import re
@@ -14,6 +13,7 @@ import lesson
 import nbformat
 from nbclient import NotebookClient
 
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.files import write_atomically
 
 FOLDER = Path(__file__).parent
@@ -149,7 +149,7 @@ def write(notebook, path):
 
 def main(arguments=None):
     """Render the named notebooks, or all."""
-    parser = argparse.ArgumentParser(description="Run notebooks, and write them.")
+    parser = Parser(description="Run notebooks, and write them.")
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help="like 14_network; default all"
     )
@@ -166,4 +166,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

@@ -4,14 +4,13 @@ python paper_checks/curves.py returns cartpole FOLDER   the return of each episo
 python paper_checks/curves.py plane                     two agents on MountainCar (some minutes)
 """
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 from reruns import STUDIES
 
-from gbdqn_ref import UsageError
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.config import Config
 from gbdqn_ref.files import read_json, write_atomically
 from gbdqn_ref.runs import read_episodes
@@ -83,18 +82,15 @@ def _returns(folder):
 
 def main(arguments=None):
     """Store the returns of a study, or the plane."""
-    parser = argparse.ArgumentParser(description="Store what the notebook on experiments shows.")
+    parser = Parser(description="Store what the notebook on experiments shows.")
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     of_study = commands.add_parser("returns", help="the return of each episode of a study")
     of_study.add_argument("name", choices=STUDIES, metavar="NAME", help="a stored study")
     of_study.add_argument("folder", type=Path, metavar="FOLDER", help="where its runs are")
     commands.add_parser("plane", help="two agents on MountainCar (some minutes)")
     args = parser.parse_args(arguments)
-    try:
-        store_plane() if args.what == "plane" else store_returns(args.name, args.folder)
-    except (UsageError, OSError) as error:
-        parser.error(str(error))
+    store_plane() if args.what == "plane" else store_returns(args.name, args.folder)
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

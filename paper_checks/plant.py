@@ -7,7 +7,6 @@ figure, no control, and no other exception. Reported are the claims that do not 
 the checks that see none; "none" and exit status 0 if there are none.
 """
 
-import argparse
 import os
 import shutil
 import subprocess
@@ -20,6 +19,8 @@ from tempfile import TemporaryDirectory
 
 import ledger
 from hypothesis import Phase, settings
+
+from gbdqn_ref.__main__ import Parser, program
 
 ROOT = ledger.HERE.resolve().parent
 SEEN = ROOT / "seen"  # in a copy: the checks that have seen its fault
@@ -86,7 +87,7 @@ def unseen(faults, tests):
 
 def main(arguments=None):
     """Exit status 1 if anything has not been seen."""
-    parser = argparse.ArgumentParser(description="Plant faults, and see that the checks fail.")
+    parser = Parser(description="Plant faults, and see that the checks fail.")
     parser.add_argument("ids", nargs="*", metavar="ID", help="claims, like T1-j; default all")
     ids, tests = parser.parse_args(arguments).ids, checks()
     for id in ids:
@@ -123,4 +124,4 @@ def pytest_runtest_makereport(item, call):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

@@ -4,7 +4,6 @@ results/text.md with each {name of a figure} filled in. `--ledger` writes it.
 python paper_checks/reruns.py acrobot results/acrobot    stores what a study left, compactly
 """
 
-import argparse
 import json
 import re
 from itertools import combinations
@@ -14,6 +13,7 @@ import numpy as np
 from paper import TABLES
 
 from gbdqn_ref import UsageError, provenance
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.config import Config
 from gbdqn_ref.files import read_json, write_atomically
@@ -361,15 +361,12 @@ def store(name, folder):
 
 def main(arguments=None):
     """Store the results of a study."""
-    parser = argparse.ArgumentParser(description="Store what a study left, compactly.")
+    parser = Parser(description="Store what a study left, compactly.")
     parser.add_argument("name", choices=STORED, metavar="NAME", help="like acrobot")
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="where results.json is")
     args = parser.parse_args(arguments)
-    try:
-        store(args.name, args.folder)
-    except (UsageError, OSError) as error:
-        parser.error(str(error))
+    store(args.name, args.folder)
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

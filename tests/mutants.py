@@ -6,7 +6,6 @@ be killed, and survivors.md must list every survivor with the reason why no test
 `python tests/mutants.py reports` tests one group alone.
 """
 
-import argparse
 import json
 import random
 import shutil
@@ -14,6 +13,8 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
+
+from gbdqn_ref.__main__ import Parser, program
 
 ROOT = Path(__file__).parent.parent
 LEAST = 0.9
@@ -117,7 +118,7 @@ def survive(name, group):
 
 def main(arguments=None):
     """Exit status 1 if a group has too many survivors, or any without a reason."""
-    parser = argparse.ArgumentParser(description="Plant one-line bugs and check that tests fail.")
+    parser = Parser(description="Plant one-line bugs and check that tests fail.")
     parser.add_argument("groups", nargs="*", metavar="GROUP", help="core or reports; default both")
     chosen = parser.parse_args(arguments).groups
     for name in chosen:
@@ -128,4 +129,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program(main)

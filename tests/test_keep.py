@@ -12,6 +12,7 @@ import pytest
 
 from gbdqn_ref import UsageError, files, runs, train
 from gbdqn_ref import study as studies
+from gbdqn_ref.__main__ import program as run_program
 from gbdqn_ref.config import Config
 from gbdqn_ref.schedule import Regime
 
@@ -23,7 +24,7 @@ import conclude  # noqa: E402
 import decide  # noqa: E402
 import forgetting  # noqa: E402
 import study  # noqa: E402
-from protocol import Protocol, command  # noqa: E402
+from protocol import Protocol  # noqa: E402
 
 TINY = """
 decisive = ["drop"]
@@ -225,7 +226,7 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, monkeypatch, capsys, progra
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").write_text("mine", encoding="utf-8")
     with pytest.raises(SystemExit, match="2"):
-        command(lambda: program.main(words))
+        run_program(lambda: program.main(words))
     out, error = capsys.readouterr()
     assert out == "" and error.count("\n") == 1 and message in error
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"mine"]

@@ -32,11 +32,11 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import command, count
+from protocol import count
 from study import RESULTS, read_arrays
 
 from gbdqn_ref import UsageError, detect, files, runs, stats, train
-from gbdqn_ref.__main__ import Parser
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.config import Config
 from gbdqn_ref.presets import DETECTOR
 from gbdqn_ref.schedule import LABELS, check_environment
@@ -316,4 +316,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

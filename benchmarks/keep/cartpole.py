@@ -23,10 +23,10 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
-from protocol import command, count
+from protocol import count
 
 from gbdqn_ref import UsageError, bellman, files, stats, train
-from gbdqn_ref.__main__ import Parser
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.config import Config
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep" / "cartpole"
@@ -227,4 +227,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

@@ -18,11 +18,11 @@ import numpy as np
 from calibrate import FAR, TARGET, WITHIN, costly_drifts, random_return
 from matplotlib.figure import Figure
 from PIL import Image
-from protocol import FILE, Protocol, command, runs_of
+from protocol import FILE, Protocol, runs_of
 from study import EDGE, FINAL, RESULTS, WINDOW, Store, chosen
 
 from gbdqn_ref import UsageError, files, plots, stats
-from gbdqn_ref.__main__ import Parser
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
 
@@ -611,4 +611,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

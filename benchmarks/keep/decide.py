@@ -8,11 +8,11 @@ from collections import Counter
 from pathlib import Path
 
 from conclude import hypotheses, interval, markdown, side, signed, stored, words
-from protocol import FILE, command
+from protocol import FILE
 from study import RESULTS
 
 from gbdqn_ref import UsageError, files, stats
-from gbdqn_ref.__main__ import Parser
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.schedule import LABELS
 
 ROOT = Path(__file__).parents[2]
@@ -184,4 +184,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

@@ -19,10 +19,10 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from protocol import command, count, primary
+from protocol import count, primary
 
 from gbdqn_ref import UsageError, drift, files, stats, train
-from gbdqn_ref.__main__ import Parser
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.config import Config
 from gbdqn_ref.files import NUMBER
 from gbdqn_ref.replay import UniformReplay
@@ -141,4 +141,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

@@ -8,7 +8,6 @@ settings or by other code.
 import argparse
 import hashlib
 import json
-import sys
 import tomllib
 from pathlib import Path
 
@@ -174,15 +173,6 @@ def count(text):
     if not text.isdecimal() or not int(text):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1, not {text!r}")
     return int(text)
-
-
-def command(main):
-    """Run a program; what it refuses is one line, and exit status 2."""
-    try:
-        main()
-    except (UsageError, OSError) as e:
-        print(f"{Path(sys.argv[0]).name}: {e}", file=sys.stderr)
-        sys.exit(2)
 
 
 def runs_of(hypothesis):

@@ -18,10 +18,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from protocol import FILE, Protocol, code_hash, command, count, primary, settings_hash
+from protocol import FILE, Protocol, code_hash, count, primary, settings_hash
 
 from gbdqn_ref import UsageError, files, runs, stats, study
-from gbdqn_ref.__main__ import Parser, cluster, nonempty
+from gbdqn_ref.__main__ import Parser, cluster, nonempty, program
 from gbdqn_ref.files import NUMBER
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
@@ -310,4 +310,4 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
-    command(main)
+    program(main)

@@ -5,7 +5,6 @@
 Letters: N capacity, Q the value of the one state in the replay's figure.
 """
 
-import argparse
 import json
 import re
 import shutil
@@ -25,6 +24,7 @@ from lesson import FROZEN, GAMMA, LEARNER, svg  # noqa: E402
 from pictures import theorem_1  # noqa: E402
 from pictures.instrument import RIGHT_WAY, boosted, instrument, right_rooms  # noqa: E402
 
+from gbdqn_ref.__main__ import Parser, program  # noqa: E402
 from gbdqn_ref.bellman import td_target  # noqa: E402
 from gbdqn_ref.boosting import closed_form_alpha  # noqa: E402
 from gbdqn_ref.config import Config  # noqa: E402
@@ -278,14 +278,10 @@ def write(folder):
 
 def main(arguments=None):
     """Write the figures into a folder."""
-    parser = argparse.ArgumentParser(description="Write each live figure as a page of its own.")
+    parser = Parser(description="Write each live figure as a page of its own.")
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the pages go")
-    folder = parser.parse_args(arguments).folder
-    try:
-        write(folder)
-    except OSError as error:
-        parser.error(str(error))
+    write(parser.parse_args(arguments).folder)
 
 
 if __name__ == "__main__":
-    main()
+    program(main)
