@@ -527,9 +527,9 @@ for task in dict.fromkeys(task for task, _ in stored):
 # %% [markdown]
 # A motor is reversed and put right again. Agents that keep all their data stay far
 # behind. To drop them is the largest step. A booster adds to that, stored networks
-# add less. `reuse`, which nobody tells of the drifts, is ahead of `dqn-drop`,
-# which is told, on MountainCar. On Acrobot it is behind: an alarm comes some five
-# episodes late, and each of them has 500 steps.
+# add less or nothing. `reuse`, which nobody tells of the drifts, is ahead of
+# `dqn-drop`, which is told, on MountainCar. On Acrobot it is behind: an alarm comes
+# some five episodes late, and each of them has 500 steps.
 #
 # Which of these differences are more than chance? Below stands what each choice brings,
 # by what you know: differences on the same seeds, with their 95 % intervals. An
