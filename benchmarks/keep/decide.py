@@ -162,7 +162,7 @@ def page(study):
     _, tested = hypotheses(study)
     found = Counter(decision.split(",")[0] for *_, decision in tested)
     marks = {"hold": "**holds**", "not shown at the last look": "not shown", "open": "open"}
-    count = ", ".join(f"{name}: {found[mark]}" for name, mark in marks.items())
+    count = ", ".join(f"{name}: {found[mark]}" for name, mark in marks.items() if found[mark])
     values = {"answer": answer(study), "table": markdown(table(study))}
     return text.format(hypotheses=len(tested), count=count, **values)
 
