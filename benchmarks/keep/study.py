@@ -193,7 +193,8 @@ class Store:
         self.protocol.check_rows(self.rows.values())
         tasks, arms = list(self.protocol.tasks), list(self.protocol.arms)
         order = sorted(self.rows, key=lambda run: (tasks.index(run[0]), arms.index(run[1]), run[2]))
-        text = "".join(json.dumps(self.rows[run]) + "\n" for run in order)
+        lines = [json.dumps(self.rows[run], separators=(",", ":")) for run in order]
+        text = "".join(f"{line}\n" for line in lines)
         self.folder.mkdir(parents=True, exist_ok=True)
         files.write_atomically(self.folder / "rows.jsonl", lambda file: file.write(text.encode()))
         for task, returns in self.returns.items():
