@@ -205,6 +205,10 @@ def test_the_lead_where_old_physics_return():
         "acrobot": "open",
         "mountaincar": "holds",
     }
+    for seeds in (20, 30):
+        early = copy(STUDY)
+        early.rows = {run: dict([*each.items()][:seeds]) for run, each in STUDY.rows.items()}
+        assert {verdict for *_, verdict in rows("P3", early)} == {"open"}
     shows("lead in later visits minus that in first ones: {}", scored("P3"))
 
 

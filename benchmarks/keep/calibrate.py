@@ -288,7 +288,8 @@ def environments(text):
     """The value of --envs, every one of which exists."""
     envs = text.split(",")
     try:
-        list(map(check_environment, envs))
+        for env in envs:
+            check_environment(env)
     except UsageError as e:
         raise argparse.ArgumentTypeError(e) from e
     return envs
