@@ -10,7 +10,7 @@ export HYPOTHESIS_PROFILE ?= ci
 
 train: .venv/train
 	$(BIN)/python -m gbdqn_ref study --env acrobot-recurring --agents dqn,gbdqn,dqn-reuse,gbdqn-reuse \
-		--seeds 2 --jobs 2 --set episodes=350 --out runs/acrobot
+		--seeds 2 --jobs 2 --set episodes=350 --out runs/reversed
 
 test: .venv/site
 	$(BIN)/ruff check .

@@ -10,7 +10,8 @@ import numpy as np
 def td_target(r, terminated, q_next, gamma):
     """y = r + γ (1 − terminated) max_a' Q̄(s', a')  (Eq. 4), shapes (B,), (B,), (B, A) → (B,).
 
-    The paper omits (1 − terminated), so it adds the value of a state after the end (D1).
+    The paper omits (1 − terminated), so it adds the value of a state after the end (D1). Eq. 4
+    prints Q_{m−1} for Q̄, the target network of its own section.
     A time limit is not a termination: a truncated transition still bootstraps.
 
     >>> r, terminated = np.array([-1.0, -1.0]), np.array([True, False])

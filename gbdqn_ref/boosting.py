@@ -10,7 +10,7 @@ LARGEST, LARGEST_32 = (float(np.finfo(kind).max) for kind in (np.float64, np.flo
 
 
 def closed_form_alpha(residual, h, weights=None):
-    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), the minimum of Σ w_i (r_i − α h_i)² (Eq. 7).
+    """α = A/B = Σ w_i r_i h_i / Σ w_i h_i² (Eq. 8), the minimiser of Σ w_i (r_i − α h_i)² (Eq. 7).
 
     All shapes are (n,). The loss falls by exactly A²/B (Theorem 1). Without weights all w_i = 1, as
     the paper prints it; α minimises the training loss only with that loss's weights (D7). If h = 0

@@ -320,12 +320,12 @@ show(
 )
 
 # %% [markdown]
-# Ten boosters, or eighty-two. One comes with each drift. If the goal stayed in room 0
-# all the while, ten drifts would have to pass before the first one is answered. (At the
-# paper's γ = 0.99 it is 10 or 80.) There are two reasons. The news of the new goal
-# travels one room per backup (B8). And the promise of the old goal is withdrawn slowly:
-# room 9 was worth 0, and each backup lowers it by one more discounted step at most. The
-# paper expects “rapid and localized adaptation” (B9).
+# Ten boosters, or eighty-two. One comes with each drift. Even if all later drifts left
+# the goal in room 0, it would take ten to answer the first. (At the paper's γ = 0.99 it
+# is 10 or 80.) There are two reasons. The news of the new goal travels one room per
+# backup (B8). And the promise of the old goal is withdrawn slowly: room 9 was worth 0,
+# and each backup lowers it by one more discounted step at most. The paper expects
+# “rapid and localized adaptation” (B9).
 #
 # <details><summary>Why 10 and not 9, at α = 1</summary>
 #

@@ -5,10 +5,10 @@
 # freezing keeps and what it does not.
 #
 # *Time: 22 minutes. Needs: notebooks 1 and 2, and derivatives. With the paper open:
-# section “Introduction”, paragraphs 2 to 4.*
+# section “Introduction”, paragraphs 2 and 3.*
 #
 # **How to read this with the paper open.** Mark “destructive interference” in paragraph
-# 3 and “frozen and preserved” in paragraph 4. One picture below shows both: the first
+# 2 and “frozen and preserved” in paragraph 3. One picture below shows both: the first
 # in rooms 5 to 8, the second as a line at 0. Ask of each sentence about forgetting: does
 # it speak of the components, or of the sum that acts?
 

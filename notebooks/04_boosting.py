@@ -37,8 +37,8 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $h_j$ | `net.forward(theta, x)` | (B, A) | booster j, a network |
-# | $\alpha_j$ | `ensemble.alpha[j]` | (m,) | its weight |
-# | $\theta_j$ | `ensemble.theta[j]` | (m, P) | its parameters |
+# | $\alpha_j$ | `ensemble.alpha[j]` | scalar | its weight |
+# | $\theta_j$ | `ensemble.theta[j]` | (P,) | its parameters; j counts from 0 in code |
 # | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the ensemble |
 #
 # Shapes: B states in a batch, A actions, P parameters of a network. All boosters in an

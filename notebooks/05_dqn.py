@@ -40,7 +40,7 @@ q_star = corridor(goal=9).q_star()
 # |---|---|---|---|
 # | $r_i$ | `r` | (B,) | reward |
 # | – | `terminated` | (B,) | whether $s'_i$ is the end; the paper has no such factor (D1) |
-# | $\bar Q(s'_i, \cdot)$ | `q_next` | (B, A) | the target network's answer at the next state |
+# | $\bar Q(s'_i, \cdot)$ | `q_next` | (B, A) | the target network's answer at the next state; Eq. 4 prints $Q_{m-1}$, the section on target networks $\bar Q$ |
 # | $\gamma$ | `gamma` | scalar | discount |
 # | $y_i$ | result | (B,) | the target |
 #
@@ -370,9 +370,9 @@ show(
 # ## Summary
 #
 # The target is r at the end of an episode and bootstraps everywhere else, a time limit
-# included. The loss is a mean over the action taken, with arrays of one shape. A target
-# network trades speed for calm: it slows a table down, calms a network, and with τ = 0
-# stops learning after one step ahead. Softmax depends on the size of Q, ε-greedy does
-# not.
+# included. The loss is a mean over the batch, of the errors at the actions taken, with
+# arrays of one shape. A target network trades speed for calm: it slows a table down,
+# calms a network, and with τ = 0 stops learning after one step ahead. Softmax depends
+# on the size of Q, ε-greedy does not.
 #
 # [← 4](04_boosting.ipynb) · [contents](README.md) · [6 →](06_replay.ipynb)

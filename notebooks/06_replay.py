@@ -221,9 +221,10 @@ print(p.round(3))
 # = 0 (R7). The priority grows with the error, so the draws do not favour “transitions
 # where the current ensemble performs well” (R3).
 #
-# **Drawing in proportion.** Lay the priorities end to end and drop a point u on the
-# line. To find its box you would add up N numbers. A **sum tree** keeps sums of groups
-# and goes down one path. The package has groups of 32, the picture of 2.
+# **Drawing in proportion** to it is prioritized experience replay (PER, Schaul et al.
+# 2016). Lay the priorities end to end and drop a point u on the line. To find its box
+# you would add up N numbers. A **sum tree** keeps sums of groups and goes down one
+# path. The package has groups of 32, the picture of 2.
 
 
 # %%

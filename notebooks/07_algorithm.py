@@ -174,7 +174,7 @@ def rooms_after_the_drift(target, loss_on, alpha):
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $\bar Q(s'_i,\cdot)$ | `q_next` | (B, A) | $\bar Q_{m-1}$ or $\bar Q_m$; its largest entry counts (P2) |
+# | $\bar Q(s'_i,\cdot)$ | `q_next` | (B, A) | $\bar Q_{m-1}$ or $\bar Q_m$; its largest entry counts (P2); line 16 prints $s'$ for $s'_i$ (A8) |
 # | $y_i$ | `y` | (B,) | the target; no bootstrap at a terminal state (D1) |
 # | $\hat y_i$ | `residual` | (B,) | Eq. 4 |
 # | $h_m(s_i,a_i)$ | `h` | (B,) | the booster's answer |

@@ -293,7 +293,7 @@ for table in records.TABLES.values():
         p.append(records.p_value((best, spread), (mean, std)))
         wider += spread > std
         assert best > mean
-print(f"smallest of {len(p)} p: {min(p):.3f}; {wider} baselines have a smaller std")
+print(f"smallest of {len(p)} p: {min(p):.2f}; {wider} baselines have a smaller std")
 assert min(p) > 0.05 and wider == 6
 
 # %% [markdown]
@@ -323,7 +323,7 @@ assert round(noise / lead) == 8
 
 # %% [markdown]
 # So if episodes are as short as a random policy's, nine of ten actions are still random
-# at the end, and two of the four drifts come before the first update (X5). Our
+# at the end, and two of the three drifts come before the first update (X5). Our
 # own runs did learn something: each run of DQN ends above every run of the random
 # policy. The paper's returns, 16 to 20, are chance if its seven actions are like ours
 # (X6). If ± is over the five runs, each method has a run near 0 (X8).

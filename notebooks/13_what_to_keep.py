@@ -5,7 +5,7 @@
 # the world changes, and you can write what notices the change.
 #
 # *Time: 29 minutes. Needs: notebooks 2, 6 and 12. With the paper open: section
-# “Conclusions”, last paragraph.*
+# “Conclusions”, last paragraph but one.*
 #
 # **How to read this with the paper open.** In the paper everything is kept: the network
 # is frozen, the data stay, a booster is added, and the schedule says when. Its
@@ -210,8 +210,8 @@ show(
 # again what it once knew.
 #
 # Nothing is boosted here. Storing and choosing is *reuse*, and a network can be stored as
-# well as an ensemble. What a boosting agent gains by reuse is boosting's only where its
-# twin, a DQN that reuses its networks, gains less.
+# well as an ensemble. A gain counts for boosting only where the agent's twin, a DQN
+# that reuses its networks, gains less.
 #
 # What do trials cost where no stage is correct? The goal moves to room 4, which none of
 # them has seen:
@@ -497,8 +497,9 @@ assert max(told, by_alarm, by_change) < 60 < loose
 # it hold with networks, where old physics return on MountainCar, Acrobot and CartPole?
 # [The study](../benchmarks/keep/README.md) asks this. Its
 # [protocol](../benchmarks/keep/protocol.toml) was committed before the first reported
-# run: eight hypotheses, one measure (the mean return after the first event), the same
-# tuning for every method, and 20 to 40 seeds that no setting was chosen on.
+# run: eight hypotheses, one measure (the mean return after the first event), equal
+# tuning, and 20 to 40 seeds that no setting was chosen on. (`dqn` has the settings
+# chosen for `dqn-drop`.)
 #
 # | arm | what it keeps; `told` of drifts, or by its own chart |
 # |---|---|
@@ -526,8 +527,8 @@ for task in dict.fromkeys(task for task, _ in stored):
 
 # %% [markdown]
 # A motor is reversed and put right again. Agents that keep all their data stay far
-# behind. To drop them is the largest step. A booster adds to that, stored networks
-# add less or nothing. `reuse`, which nobody tells of the drifts, is ahead of
+# behind. To drop them is the largest step. A booster adds to that; stored networks
+# alone add less or nothing. `reuse`, which nobody tells of the drifts, is ahead of
 # `dqn-drop`, which is told, on MountainCar. On Acrobot it is behind: an alarm comes
 # some five episodes late, and each of them has 500 steps.
 #

@@ -7,11 +7,12 @@
 # *Time: 29 minutes. Needs: matrix products and the chain rule; no other notebook. With
 # the paper open: $h(s, a; \theta)$ in Eq. 1, and section "Ensemble Target Networks".*
 #
-# **How to read this with the paper open.** The paper describes its network in one
-# sentence per experiment: "fully connected Q-network architecture with two hidden
-# layers of size $(128,128)$ and ReLU activations, optimized using Adam" (section
-# Acrobot). This page says what each of these words does. The lesson uses networks from
-# notebook 3 on; read this page when you want to see inside.
+# **How to read this with the paper open.** For Acrobot and for Hopper the paper
+# describes its network in one sentence, for MountainCar not at all (D13): "fully
+# connected Q-network architecture with two hidden layers of size $(128,128)$ and ReLU
+# activations, optimized using Adam" (section Acrobot). This page says what each of
+# these words does. The lesson uses networks from notebook 3 on; read this page when you
+# want to see inside.
 
 # %%
 import numpy as np

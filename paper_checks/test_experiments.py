@@ -154,15 +154,18 @@ def p_values(std_factor=1.0, n=RUNS):
 def test_no_comparison_is_significant():
     """Welch's test of GB-DQN against each of the others in each table."""
     p = p_values()
-    smallest = min(min(values) for values in p.values())
-    assert smallest > 0.05
+    smallest, following, *others = sorted(each for values in p.values() for each in values)
+    assert smallest > 0.05 and smallest == p["MountainCar"][1]
     np.testing.assert_allclose(p["Acrobot"], [0.80, 0.67, 0.12, 0.87], atol=0.005)
     np.testing.assert_allclose(p["MountainCar"], [0.77, 0.054, 0.066, 0.41], atol=0.005)
     np.testing.assert_allclose(p["Hopper"], [0.99, 0.93, 0.85, 0.89], atol=0.005)
-    count = sum(map(len, p.values()))
-    against_dqn = [values[0] for values in p.values()]
     shows(
-        "Welch's p against DQN: {:.2f}; the smallest of {} is {:.3f}", against_dqn, count, smallest
+        "Welch's p against DQN: {:.2f}; the smallest of {} is {:.3f}, against the entry that X1"
+        " finds impossible, and the next {:.3f}",
+        [values[0] for values in p.values()],
+        2 + len(others),
+        smallest,
+        following,
     )
 
 
@@ -665,7 +668,8 @@ def test_both_pay_the_same_until_the_goal():
     assert acrobot[0] == mountaincar[0] == {-1.0}
     assert acrobot[1] > 0 == mountaincar[1]
     shows(
-        "each step pays {:.0f} on both; random actions arrive in {:.1%} and {:.1%} of the episodes",
+        "each step pays {:.0f} on both; random actions arrive in {:.1%} of the episodes on Acrobot"
+        " and in {:.1%} on MountainCar",
         *acrobot[0],
         acrobot[1],
         mountaincar[1],

@@ -168,7 +168,8 @@ def test_with_exponent_a_half_they_are_biased():
     exponent = 0.5
     value = weighted_mean(P, f, exponent, None, 1)
     assert value == pytest.approx(P[1] * (1 / (2 * P[1])) ** exponent)
-    shows("with {:/} {:.3f} for {}, P = ({}), f = ({})", *(exponent, value, f.mean(), P, f))
+    values = exponent, value, f.mean(), P, f
+    shows("with exponent {:/} the mean is {:.3f}, not {}; P = ({}), f = ({})", *values)
 
 
 @control("W1")

@@ -160,11 +160,11 @@ def page(study):
     """The page: decision.md with its table and sentences filled in."""
     text = TEXT.read_text(encoding="utf-8")
     _, tested = hypotheses(study)
-    found = Counter(decision.split(",")[0] for *_, decision in tested)
-    marks = {"hold": "**holds**", "not shown at the last look": "not shown", "open": "open"}
-    count = ", ".join(f"{name}: {found[mark]}" for name, mark in marks.items() if found[mark])
-    values = {"answer": answer(study), "table": markdown(table(study))}
-    return text.format(hypotheses=len(tested), count=count, **values)
+    hold = [f"{name} ({says})" for name, says, *_, mark in tested if "holds" in mark]
+    rest = Counter(mark for *_, mark in tested if "holds" not in mark)
+    count = ", ".join(f"{n} {mark}" for mark, n in rest.items()) or "none"
+    values = {"answer": answer(study), "table": markdown(table(study)), "count": count}
+    return text.format(hypotheses=len(tested), hold="; ".join(hold) or "none", **values)
 
 
 def main(arguments=None):
