@@ -6,7 +6,6 @@ All but the last two tables are measured in one thread on one core, in time of t
 peers are optional: pip install -e '.[peers]'.
 """
 
-import argparse
 import os
 import platform
 import sys
@@ -23,25 +22,22 @@ import several
 from measure import REPLAYS, STOCK, TINY, Scale
 from threadpoolctl import threadpool_limits
 
-from gbdqn_ref import UsageError
+from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.files import check_picture
 from gbdqn_ref.plots import save
 
 
 def main(arguments=None):
     """Measure all there is, print the tables and draw the picture."""
-    parser = argparse.ArgumentParser(description="What everything costs.")
+    parser = Parser(description="What everything costs.")
     parser.add_argument("--out", default="runs/bench.png", help="the picture; default %(default)s")
     parser.add_argument(
         "--tiny", action="store_true", help="a few seconds, only to see that it runs"
     )
     args = parser.parse_args(arguments)
     path, scale = Path(args.out), TINY if args.tiny else Scale()
-    try:
-        check_picture(path, ".png")
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (UsageError, OSError) as error:
-        parser.exit(2, f"bench.py: {error}\n")
+    check_picture(path, ".png")
+    path.parent.mkdir(parents=True, exist_ok=True)
     with one_core():
         absent = peers.missing()
         print(versions(absent))
@@ -120,4 +116,4 @@ def curves(scale, tables):
 
 
 if __name__ == "__main__":
-    main()
+    program(main)

@@ -6,7 +6,7 @@ A command imports what it needs, so --help is fast and Ctrl-C works from the sta
 """
 
 import argparse
-import json
+import logging
 import os
 import signal
 import sys
@@ -21,6 +21,7 @@ from typing import IO, Any, NoReturn
 from . import DivergenceError, StudyError, UsageError
 from .agents import AGENTS
 from .config import Config
+from .files import parse_json
 
 STOP = "stopped. To continue: train --resume, or the same command again"
 
@@ -33,24 +34,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         _own_process()
+
+    def command() -> None:
+        args = _parser().parse_args(arguments)
+        args.command(args)
+
+    return _tell("gbdqn_ref", command, arguments is None)
+
+
+def program(run: Callable[[], int | None]) -> NoReturn:
+    """Run a program beside the package and exit as a command does."""
+    _own_process()
+    sys.exit(_tell(os.path.basename(sys.argv[0]), run, own=True))
+
+
+def _tell(name: str, run: Callable[[], int | None], own: bool) -> int:
+    """Run, say on stderr what was refused, and return the exit status."""
     try:
-        status, lines = _answer(arguments)
-        if arguments is None:
+        status, lines = _answer(run)
+        if own:
             _handle_signals(signal.SIG_IGN)
         with suppress(OSError):
             for line in lines:  # each on one line, even if a path has line breaks
-                print("gbdqn_ref:", *line.split(), file=sys.stderr, flush=True)
+                print(f"{name}:", *line.split(), file=sys.stderr, flush=True)
     finally:  # also after --help, which raises SystemExit
         for stream in (sys.stdout, sys.stderr):
             _flush(stream)
     return status
 
 
-def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
+def _answer(run: Callable[[], int | None]) -> tuple[int, list[str]]:
     """(exit status, lines for stderr) of a command."""
     try:
-        args = _parser().parse_args(arguments)
-        args.command(args)
+        status = run()
         print(end="", flush=True)
     except BrokenPipeError:  # the reader is gone, but the work is finished
         return 0, []
@@ -64,21 +80,15 @@ def _answer(arguments: Sequence[str] | None) -> tuple[int, list[str]]:
         return 3, [str(e)]
     except KeyboardInterrupt:
         return 130, [STOP]
-    return 0, []
-
-
-def program(run: Callable[[], int | None]) -> NoReturn:
-    """Run a program beside the package and exit; what it refuses is one line, and status 2."""
-    try:
-        status = run()
-    except (UsageError, OSError) as e:
-        print(f"{os.path.basename(sys.argv[0])}:", *str(e).split(), file=sys.stderr)
-        status = 2
-    sys.exit(status)
+    return status or 0, []
 
 
 def _own_process() -> None:
-    """Make SIGTERM act like Ctrl-C, and make every text printable, perhaps with ? in it."""
+    """Make SIGTERM act like Ctrl-C, and make every text printable, perhaps with ? in it.
+
+    Matplotlib must not add lines of its own, on its cache or on a matplotlibrc, which is not used.
+    """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     _handle_signals(signal.default_int_handler)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed: the next file to be opened would take its place
@@ -218,7 +228,7 @@ def _setting(text: str) -> tuple[str, Any]:
         raise UsageError(f"--set needs KEY=VALUE, like --set lr=0.001, not {short(text)}")
     if key in ("env", "agent", "seed"):
         raise UsageError(f"set {key} with --{key}, not with --set")
-    readers: tuple[Callable[[str], Any], ...] = (json.loads, int, float)
+    readers: tuple[Callable[[str], Any], ...] = (parse_json, int, float)
     for read in readers:
         with suppress(ValueError, RecursionError):
             return key, read(value)
@@ -259,7 +269,8 @@ def _train(args: Namespace) -> None:
     out = Path(args.out or f"runs/{config.env}-{config.agent}-{config.seed}")
     summary = runs.train(config, out, args.resume, args.quiet, args.accept_versions)
     tables.show(tables.regimes({config.agent: summary}, config))
-    print(f"\nwritten to {out}: config.json, episodes.csv, summary.json, checkpoint.npz, curve.png")
+    written = [name for name in runs.FILES if (out / name).exists()]
+    print(f"\nwritten to {out}: {', '.join(written)}")
 
 
 def _compare(args: Namespace) -> None:
@@ -337,7 +348,7 @@ def cluster(address: str | None) -> Iterator[Executor | None]:
         raise UsageError("--dask needs Dask's scheduler: pip install -e '.[cluster]'") from e
     try:
         client = Client(address)
-    except ValueError as e:
+    except (ValueError, TypeError, RuntimeError, ImportError) as e:
         raise UsageError(
             f"--dask needs the address of a scheduler, like tcp://host:8786: {e}"
         ) from e

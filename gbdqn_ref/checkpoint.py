@@ -49,7 +49,8 @@ def load(path: Path | str, agent: Any) -> int:
         arrays, header, config = _read(content)
     except DAMAGED as e:
         raise UsageError(
-            f"{path} is damaged or not a checkpoint ({e}); delete it, and --resume starts again"
+            f"{path} is damaged or not a checkpoint ({e}); without it --resume starts an unfinished"
+            " run again"
         ) from e
     kind = type(agent).__name__
     if config.resolved() != agent.config.resolved() or header.get("agent", kind) != kind:

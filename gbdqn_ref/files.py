@@ -3,10 +3,12 @@
 import json
 import os
 import sys
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from math import isfinite
 from pathlib import Path
 from reprlib import repr as short
 from typing import IO, Any
@@ -29,6 +31,8 @@ DAMAGED = (  # what reading a damaged file raises
     AttributeError,
     EOFError,
     RuntimeError,
+    SyntaxError,
+    tokenize.TokenError,
     zipfile.BadZipFile,
     zlib.error,
 )
@@ -103,8 +107,25 @@ def write_json(path: Path | str, content: Any) -> None:
 def read_json(path: Path | str, *keys: str, **shapes: Shape) -> dict[str, Any]:
     """The object in a JSON file; it must have these keys, and values of these shapes."""
     with undamaged(path):
-        content = json.loads(Path(path).read_bytes())
+        content = parse_json(Path(path).read_bytes())
         check_shape(content, dict.fromkeys(keys, ANY) | shapes, "it")
+    return content
+
+
+def parse_json(text: str | bytes) -> Any:
+    """The value in a JSON text; ValueError if an object has a key twice.
+
+    >>> parse_json('{"seed": 0, "seed": 1}')
+    Traceback (most recent call last):
+    ValueError: a key occurs twice in {'seed', 'seed'}
+    """
+    return json.loads(text, object_pairs_hook=_object)
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        raise ValueError(f"a key occurs twice in {{{', '.join(repr(key) for key, _ in pairs)}}}")
     return content
 
 
@@ -130,6 +151,8 @@ def check_shape(value: Any, shape: Shape, name: str) -> None:
     if type(value) not in kinds:
         words = " or ".join(kind.__name__ for kind in kinds)
         raise ValueError(f"{name} is {short(value)}, not {words}")
+    if float in kinds and isinstance(value, (int, float)) and not isfinite(value):
+        raise ValueError(f"{name} is {value}, not a finite number")
     if isinstance(shape, dict):
         for key in shape:
             if key not in value:

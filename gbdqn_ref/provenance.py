@@ -25,7 +25,11 @@ from .train import THREADS
 
 RESOLVED = {"agents", "config", "presets", "schedule"}
 # read on import, because a module that is edited later still runs as it was
-SOURCES = {path.stem: path.read_bytes() for path in Path(__file__).parent.glob("*.py")}
+SOURCES = {
+    path.stem: path.read_bytes()
+    for path in Path(__file__).parent.glob("*.py")
+    if path.stem.isidentifier()  # not .#runs, which an editor leaves
+}
 
 Provenance = dict[str, dict[str, str]]
 

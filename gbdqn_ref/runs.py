@@ -51,6 +51,7 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
 }
 HEADER = ",".join(COLUMNS).encode()
 CHECKPOINT_SECONDS = 10
+FILES = "config.json", "episodes.csv", "summary.json", "checkpoint.npz", "curve.png"
 
 RUN = {"env": (str,), "agent": (str,), "seed": (int,), "episodes": (int,)}
 MADE_WITH = {"versions": (dict,), "code": (dict,)}
@@ -93,8 +94,7 @@ def train(
             _check_empty(out)
         if not (out / "summary.json").exists():
             _complete(config, out, resume, quiet, accept)
-        summary = read_summary(out)
-        check_summary(config, summary, out)
+        summary, _ = read_run(config, out)
         if not (out / "curve.png").exists():
             _draw(config, summary["random_return"], out)
     return summary
@@ -246,18 +246,6 @@ def _check_empty(out: Path) -> None:
         )
 
 
-def check_summary(config: Config, summary: dict[str, Any], out: Path) -> None:
-    """UsageError if config.json and summary.json are of two runs."""
-    expected: dict[str, Any] = {key: getattr(config, key) for key in RUN}
-    expected["regimes"] = list(range(len(config.regimes)))
-    found = {key: summary[key] for key in RUN}
-    found["regimes"] = [row["regime"] for row in summary["regimes"]]
-    if found != expected:
-        raise UsageError(
-            f"{out} is damaged: config.json has {expected}, summary.json {found}; restore them"
-        )
-
-
 def _write_config(config: Config, out: Path) -> None:
     own = {key: getattr(config.resolved(), key) for key in OWN | AGENTS[config.agent].own}
     content = {"config": config.to_dict(), "own": own} | provenance.of(config)
@@ -316,11 +304,38 @@ def read_agent(folder: Path | str) -> tuple[Config, Any]:
     config, path = read_config(folder), Path(folder) / "checkpoint.npz"
     agent = _new_agent(config)
     if not path.exists():
-        raise UsageError(
-            f"the run in {folder} has no checkpoint.npz yet; continue it with train --resume"
-        )
+        complete = (Path(folder) / "summary.json").exists()
+        remedy = "train it anew in another folder" if complete else "continue it: train --resume"
+        raise UsageError(f"the run in {folder} has no checkpoint.npz; {remedy}")
     checkpoint.load(path, agent)
     return config, agent
+
+
+def read_run(config: Config, folder: Path | str) -> tuple[dict[str, Any], list[Record]]:
+    """(summary, records) of a complete run; UsageError unless its files are of one run."""
+    summary, records = read_summary(folder), read_episodes(folder)
+    expected: dict[str, Any] = {key: getattr(config, key) for key in RUN}
+    expected["regimes"] = list(range(len(config.regimes)))
+    found = {key: summary[key] for key in RUN}
+    found["regimes"] = [row["regime"] for row in summary["regimes"]]
+    _refuse_two_runs(folder, "config.json", expected, found)
+    _refuse_two_runs(folder, "episodes.csv", {"episodes": len(records)}, found)
+    last = {
+        "steps": records[-1]["steps"],
+        "final_return": stats.final_return([record["return"] for record in records]),
+    }
+    _refuse_two_runs(folder, "episodes.csv", last, summary)
+    return summary, records
+
+
+def _refuse_two_runs(
+    folder: Path | str, file: str, expected: dict[str, Any], summary: dict[str, Any]
+) -> None:
+    found = {key: summary[key] for key in expected}
+    if found != expected:
+        raise UsageError(
+            f"{folder} is damaged: {file} has {expected}, summary.json {found}; restore them"
+        )
 
 
 def read_summary(folder: Path | str) -> dict[str, Any]:

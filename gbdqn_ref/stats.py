@@ -241,8 +241,9 @@ def sign_flip_test(
     """
     x = _some(differences) - margin
     signs = rng.choice([-1.0, 1.0], size=(flips, len(x)))
-    exceeds = statistic(signs * x, axis=-1) >= statistic(x, axis=-1) - 1e-12  # ties count
-    return float((1 + exceeds.sum()) / (1 + flips))
+    tie = 1e-12 * np.abs(x).max()
+    below = statistic(signs * x, axis=-1) < statistic(x, axis=-1) - tie  # ties and NaN are not
+    return float((1 + np.sum(~below)) / (1 + flips))
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -253,6 +254,6 @@ def holm(p: Sequence[float]) -> list[float]:
     """
     order, adjusted, largest = np.argsort(p), np.empty(len(p)), 0.0
     for rank, k in enumerate(order):
-        largest = max(largest, (len(p) - rank) * p[k])
+        largest = np.maximum(largest, (len(p) - rank) * p[k])  # of NaN, too
         adjusted[k] = min(1.0, largest)
     return adjusted.tolist()

@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, wait
+from concurrent.futures import CancelledError, Executor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -135,8 +135,7 @@ def _check_folder(configs: Mapping[str, Config], out: Path) -> None:
         known = runs.read_config(out / name).resolved().to_dict()
         _refuse_others(out / name, known, configs[name].resolved().to_dict())
         if (out / name / "summary.json").exists():
-            runs.check_summary(configs[name], runs.read_summary(out / name), out / name)
-            runs.read_episodes(out / name)
+            runs.read_run(configs[name], out / name)
 
 
 def _check_versions(configs: Mapping[str, Config], out: Path) -> None:
@@ -279,7 +278,10 @@ def _train_over(
     finally:
         for future in pending:
             future.cancel()
-    errors = {name: future.exception() for future, name in futures.items()}
+    errors = {
+        name: CancelledError("by the cluster") if future.cancelled() else future.exception()
+        for future, name in futures.items()
+    }
     return {name: in_a_line(error) for name, error in errors.items() if error}
 
 

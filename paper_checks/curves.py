@@ -8,12 +8,13 @@ import json
 from pathlib import Path
 
 import numpy as np
-from reruns import STUDIES
+from reruns import STUDIES, stored
 
+from gbdqn_ref import UsageError
 from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.config import Config
 from gbdqn_ref.files import read_json, write_atomically
-from gbdqn_ref.runs import read_episodes
+from gbdqn_ref.runs import read_config, read_run
 from gbdqn_ref.train import make_agent, run
 
 RESULTS = Path(__file__).with_name("results")
@@ -31,7 +32,10 @@ def returns(name):
 
 def store_returns(name, folder):
     """Keep the returns of a study's runs."""
-    study = read_json(folder / "results.json", agents=[(str,)], seeds=[(int,)])
+    path = folder / "results.json"
+    study = read_json(path)
+    if study != stored(name):
+        raise UsageError(f"{path} is not that of the stored study {name}; reruns.py stores it")
     found = {
         agent: [_returns(folder / f"{agent}-{seed}") for seed in study["seeds"]]
         for agent in study["agents"]
@@ -76,7 +80,8 @@ def store_plane(agents=("gbdqn", "dqn")):
 
 def _returns(folder):
     """The return of each episode of a run, as a whole number where it is one."""
-    values = [record["return"] for record in read_episodes(folder)]
+    _, records = read_run(read_config(folder), folder)
+    values = [record["return"] for record in records]
     return [int(value) if value.is_integer() else value for value in values]
 
 

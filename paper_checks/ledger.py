@@ -5,7 +5,6 @@ the claims with their figures and checks; page.py writes it, and README.md from 
 """
 
 import importlib
-import json
 import re
 import string
 import tomllib
@@ -16,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+
+from gbdqn_ref.files import read_json
 
 HERE = Path(__file__).parent
 LEDGER = HERE / "ledger.json"
@@ -282,5 +283,5 @@ def _row(id, checks, figures):
 @cache
 def committed():
     """{id: row} of ledger.json."""
-    content = json.loads(LEDGER.read_text(encoding="utf-8"))
+    content = read_json(LEDGER, claims=[{"id": (str,), "figures": (dict,)}])
     return {row["id"]: row for row in content["claims"]}

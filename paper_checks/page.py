@@ -9,6 +9,7 @@ from collections import Counter
 
 import ledger
 
+from gbdqn_ref import UsageError
 from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.files import write_atomically
 
@@ -21,21 +22,24 @@ def write(figures):
     rows = ledger.rows({id: known.get(id, {}) | figures.get(id, {}) for id in ledger.CLAIMS})
     content = {"claims": rows, "coverage": ledger.COVERAGE}
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
-    page = renewed(PAGE.read_text(encoding="utf-8"), content)
+    page = renewed(PAGE.read_text(encoding="utf-8"), blocks(content))
     write_atomically(ledger.LEDGER, lambda file: file.write(text.encode()))
     write_atomically(PAGE, lambda file: file.write(page.encode()))
 
 
-def renewed(page, content):
-    """The page with what stands between its marks written anew.
+def renewed(page, parts):
+    """The page with what stands between its marks written anew, {name of the mark: text}.
 
-    >>> renewed("a <!-- claims --> b <!-- /claims --> c", {"claims": [], "coverage": []})
-    'a <!-- claims -->\\n\\n\\n<!-- /claims --> c'
+    >>> renewed("a <!-- claims --> b <!-- /claims --> c", {"claims": "d"})
+    'a <!-- claims -->\\n\\nd\\n<!-- /claims --> c'
     """
-    for name, text in blocks(content).items():
+    for name, text in parts.items():
         begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
-        if begin in page:
-            page = f"{page.split(begin)[0]}{begin}\n\n{text}\n{end}{page.split(end)[1]}"
+        before, _, rest = page.partition(begin)
+        _, _, after = rest.partition(end)
+        if (page.count(begin), page.count(end), rest.count(end)) != (1, 1, 1):
+            raise UsageError(f"the page needs {begin} and {end} behind it, each once")
+        page = f"{before}{begin}\n\n{text}\n{end}{after}"
     return page
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from reruns import stored
 
-from gbdqn_ref.runs import HEADER
+from gbdqn_ref import UsageError
+from gbdqn_ref.config import Config
+from gbdqn_ref.runs import read_episodes, train
 from gbdqn_ref.stats import final_return, regime_table
 
 
@@ -56,16 +58,22 @@ def test_the_plane_has_what_two_agents_learnt_and_where_they_were():
 
 def test_both_are_stored_as_they_are_read(tmp_path, monkeypatch):
     """A study's returns, and a short run on the plane."""
+    study = {"seeds": [3], "agents": ["dqn"]}
     monkeypatch.setattr(curves, "RESULTS", tmp_path)
+    monkeypatch.setattr(curves, "stored", lambda _: study)
     monkeypatch.setattr(curves, "PLANE", tmp_path / "plane.npz")
     monkeypatch.setattr(curves, "DRIFT", 2)
-    (tmp_path / "results.json").write_text(json.dumps({"seeds": [3], "agents": ["dqn"]}))
-    (tmp_path / "dqn-3").mkdir()
-    lines = [HEADER.decode(), "0,0,start,-1.5,2,2,1.0,nan,", "1,0,,7.0,7,9,1.0,nan,"]
-    (tmp_path / "dqn-3/episodes.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "results.json").write_text(json.dumps(study))
+    train(Config(agent="dqn", seed=3, episodes=2, capacity=50), tmp_path / "dqn-3", quiet=True)
     curves.store_returns("short", tmp_path)
-    assert (tmp_path / "short-returns.json").read_text() == '{"dqn":[[-1.5,7]]}\n'
-    assert curves.returns("short")["dqn"].tolist() == [[-1.5, 7.0]]
+    (first, second) = (record["return"] for record in read_episodes(tmp_path / "dqn-3"))
+    text = f'{{"dqn":[[{first:.0f},{second:.0f}]]}}\n'
+    assert (tmp_path / "short-returns.json").read_text() == text
+    assert curves.returns("short")["dqn"].tolist() == [[first, second]]
+    monkeypatch.setattr(curves, "stored", lambda _: study | {"seeds": [4]})
+    with pytest.raises(UsageError, match="not that of the stored study short"):
+        curves.store_returns("short", tmp_path)
+    assert (tmp_path / "short-returns.json").read_text() == text
     curves.store_plane(agents=("dqn",))
     kept = np.load(curves.PLANE, allow_pickle=False)
     assert set(kept) == {f"dqn_{name}" for name in ("before", "after")} | {

@@ -11,8 +11,11 @@ import ledger
 import page
 import pytest
 
+from gbdqn_ref import UsageError
+
 IDS = list(ledger.CLAIMS)
 ROWS = ledger.rows({id: row["figures"] for id, row in ledger.committed().items()})
+CONTENT = {"claims": ROWS, "coverage": ledger.COVERAGE}
 PAGE = page.PAGE.read_text(encoding="utf-8")
 NAMED = {  # verdict: the field that it asks for
     "holds with an assumption": "assumption",
@@ -26,14 +29,22 @@ MENDED = ("fails", "ambiguous", "misprint")
 def test_the_committed_ledger_is_what_claims_and_checks_give():
     """All but the figures, which each test compares."""
     content = json.loads(ledger.LEDGER.read_text(encoding="utf-8"))
-    assert content == {"claims": ROWS, "coverage": ledger.COVERAGE}
+    assert content == CONTENT
 
 
 def test_the_page_is_what_the_ledger_gives():
     """Count, table, sections, concordance and coverage."""
-    content = {"claims": ROWS, "coverage": ledger.COVERAGE}
-    assert page.renewed(PAGE, content) == PAGE
-    assert all(PAGE.count(f"<!-- {name} -->") == 1 for name in page.blocks(content))
+    assert page.renewed(PAGE, page.blocks(CONTENT)) == PAGE
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "<!-- a -->", "<!-- /a --> <!-- a -->", "<!-- a --> <!-- /a --> <!-- /a -->"]
+    + ["`<!-- a -->` and <!-- a --> <!-- /a -->"],
+)
+def test_a_page_whose_marks_are_not_a_pair_is_left_alone(text):
+    with pytest.raises(UsageError, match="each once"):
+        page.renewed(text, {"a": "new"})
 
 
 def test_every_id_is_used_once():
@@ -184,7 +195,8 @@ def test_a_page_is_written_into_its_place_and_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(page, "PAGE", tmp_path / "README.md")
     monkeypatch.setattr(ledger, "LEDGER", tmp_path / "ledger.json")
     monkeypatch.setattr(ledger, "committed", lambda: {row["id"]: row for row in ROWS})
-    page.PAGE.write_text("before\n<!-- table -->\nold\n<!-- /table -->\nafter\n")
+    places = "".join(f"<!-- {each} -->\nold\n<!-- /{each} -->\n" for each in page.blocks(CONTENT))
+    page.PAGE.write_text(f"before\n{places}after\n")
     test = next(iter(ROWS[0]["figures"]))
     page.write({IDS[0]: {test: "new"}})
     first, *others = json.loads(ledger.LEDGER.read_text())["claims"]

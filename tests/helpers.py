@@ -39,6 +39,12 @@ def crashing_after(episode):
     return run
 
 
+def own_signals(monkeypatch):
+    """Let a program that is run in this process leave its signals and Matplotlib alone."""
+    for name in ("_own_process", "_handle_signals"):
+        monkeypatch.setattr(gbdqn_ref.__main__, name, lambda *_: None)
+
+
 # --- agents ---------------------------------------------------------------------------------------
 
 

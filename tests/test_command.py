@@ -53,6 +53,12 @@ def test_a_folder_whose_name_cannot_be_printed_works(tmp_path):
     assert names(tmp_path / "résumé" / "dqn") == RUN
 
 
+def test_a_matplotlibrc_costs_no_line(tmp_path):
+    (tmp_path / "matplotlibrc").write_text("nosuch: 1\n")
+    status, _, stderr = cli("train", "--env", "x", cwd=tmp_path)
+    assert status == 2 and stderr.count("\n") == 1
+
+
 def through_a_closed_pipe(stream, *arguments, **variables):
     """Run a command whose stdout or stderr is a pipe that nobody reads."""
     reader, writer = os.pipe()

@@ -386,12 +386,13 @@ def test_runs_without_returns_have_a_page_and_no_picture(stored):
     assert "keep.png" not in (stored / "README.md").read_text(encoding="utf-8")
 
 
-def test_a_readme_without_a_place_for_the_table_is_refused(tmp_path, stored):
+@pytest.mark.parametrize("text", ["mine", 2 * (decide.BEFORE + decide.AFTER)])
+def test_a_readme_without_one_place_for_the_table_is_refused(tmp_path, stored, text):
     readme, page = tmp_path / "READ.md", tmp_path / "page.md"
-    readme.write_text("mine", encoding="utf-8")
+    readme.write_text(text, encoding="utf-8")
     with pytest.raises(UsageError, match="a README has its table between"):
         decide.main([f"--results={stored}", f"--readme={readme}", f"--page={page}"])
-    assert readme.read_text(encoding="utf-8") == "mine" and not page.exists()
+    assert readme.read_text(encoding="utf-8") == text and not page.exists()
 
 
 def test_the_stored_page_is_what_the_program_writes():

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from math import inf, nan
 
 import pytest
 from helpers import PATIENCE, Crash, contents, environ
@@ -134,6 +135,9 @@ def test_json_is_read_back_as_written(tmp_path):
         ({"seeds": [1]}, "it has no 'runs'"),
         (FITTING | {"seeds": 1}, r"it\['seeds'\] is 1, not list"),
         (FITTING | {"seeds": [1, True]}, r"it\['seeds'\]\[1\] is True, not int or float"),
+        (FITTING | {"seeds": [1, nan]}, r"it\['seeds'\]\[1\] is nan, not a finite number"),
+        (FITTING | {"seeds": [-inf]}, r"it\['seeds'\]\[0\] is -inf, not a finite number"),
+        (FITTING | {"seeds": [10**400]}, "too large"),
         (FITTING | {"seeds": {}}, r"it\['seeds'\] is {}, not list"),
         (FITTING | {"runs": [{}]}, r"it\['runs'\]\[0\] has no 'agent'"),
         (FITTING | {"runs": [{"agent": None}]}, r"\['agent'\] is None, not str"),
@@ -145,7 +149,7 @@ def test_json_of_the_wrong_shape_is_refused_with_the_place_named(tmp_path, conte
         files.read_json(tmp_path / "file", **SHAPE)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000])
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b'{"a":1,"a":2}'])
 def test_invalid_json_is_refused(tmp_path, content):
     (tmp_path / "file").write_bytes(content)
     with pytest.raises(UsageError, match="file is damaged"):

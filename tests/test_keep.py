@@ -1,7 +1,9 @@
 """The study of what to keep at a drift: its program, end to end, and its fast version."""
 
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import own_signals
 
 from gbdqn_ref import UsageError, files, runs, train
 from gbdqn_ref import study as studies
@@ -186,7 +189,7 @@ def test_a_diverged_run_counts_as_the_random_policy(tmp_path, tiny):
     config = protocol.reported("mini-null", "drop", 2000)
     assert "DivergenceError" in row["diverged"]
     assert row["value"] == runs.random_return(config) and row["regimes"] == [row["value"]] * 2
-    with pytest.raises(RuntimeError, match="MemoryError"):
+    with pytest.raises(UsageError, match="dqn, seed 2000: MemoryError"):
         study.diverged(protocol.reported("mini-null", "drop", 2000), "MemoryError: 9 GiB")
 
 
@@ -205,7 +208,11 @@ def test_the_stored_runs_take_at_most_3_mb():
 
 WRONG = {
     "no seeds": (study, ["report", "--seeds=0"], "--seeds: must be a whole number from 1"),
-    "a negative count": (study, ["tune", "--jobs=-1"], "must be a whole number from 1, not '-1'"),
+    "a negative count": (
+        study,
+        ["tune", "--jobs=-1"],
+        "from 1 to 1000, not '-1'",
+    ),
     "an unknown command": (study, ["reprot"], "invalid choice: 'reprot'"),
     "an unknown task": (study, ["report", "--tasks=pong"], "there is no task 'pong'"),
     "an unknown arm": (study, ["report", "--tasks=acrobot", "--arms=x"], "there is no arm 'x'"),
@@ -216,19 +223,28 @@ WRONG = {
     "another file as protocol": (conclude, ["--protocol=mine"], "mine is damaged"),
     "a folder as protocol": (decide, ["--protocol=."], "directory"),
     "a misspelt option": (decide, ["--paeg=x"], "unrecognized arguments: --paeg=x"),
-    "no processes": (calibrate, ["record", "--jobs=0"], "must be a whole number from 1, not '0'"),
+    "no processes": (
+        calibrate,
+        ["record", "--jobs=0"],
+        "from 1 to 1000, not '0'",
+    ),
     "an empty environment": (calibrate, ["drift", "--envs=acrobot,"], "unknown environment ''"),
     "a study that is nowhere": (calibrate, ["found", "nowhere"], "no complete run in nowhere"),
     "levels of a study": (calibrate, ["levels", "mine"], "`found` takes the folders"),
-    "half a seed": (cartpole, ["run", "--seeds=.5"], "must be a whole number from 1, not '.5'"),
+    "half a seed": (
+        cartpole,
+        ["run", "--seeds=.5"],
+        "from 1 to 1000, not '.5'",
+    ),
     "a table of nothing": (cartpole, ["table", "--out=nowhere"], "there is no run in nowhere"),
-    "no jobs": (forgetting, ["run", "--jobs=0"], "must be a whole number from 1, not '0'"),
+    "no jobs": (forgetting, ["run", "--jobs=0"], "from 1 to 1000, not '0'"),
     "another table of nothing": (forgetting, ["table", "--out=nowhere"], "-dqn in nowhere"),
 }
 
 
 @pytest.mark.parametrize(("program", "words", "message"), WRONG.values(), ids=WRONG)
 def test_what_is_wrong_is_said_in_one_line(tmp_path, monkeypatch, capsys, program, words, message):
+    own_signals(monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").write_text("mine", encoding="utf-8")
     with pytest.raises(SystemExit, match="2"):
@@ -242,6 +258,77 @@ def test_a_folder_in_use_is_refused(tmp_path):
     """Two processes that add rows to one file would each lose the other's."""
     with files.locked(tmp_path), pytest.raises(UsageError, match="in use by another process"):
         study.main(["collect", f"--results={tmp_path}"])
+
+
+def test_returns_that_could_not_be_written_are_written_the_next_time(tmp_path, tiny, monkeypatch):
+    """rows.jsonl is written first; a crash or a full disk may come before the returns."""
+    tiny("tune", "--tasks=mini")
+    write = files.write_atomically
+
+    def full(path, content):
+        if Path(path).name == "mini.npz":
+            raise OSError(28, "No space left on device", str(path))
+        write(path, content)
+
+    monkeypatch.setattr(files, "write_atomically", full)
+    with pytest.raises(OSError, match="No space left"):
+        tiny("report", "--tasks=mini", "--arms=drop", "--seeds=2")
+    monkeypatch.setattr(files, "write_atomically", write)
+    rows = (tmp_path / "results" / "rows.jsonl").read_bytes()
+    assert rows and not (tmp_path / "results" / "mini.npz").exists()
+    tiny("report", "--tasks=mini", "--arms=drop", "--seeds=2")
+    assert (tmp_path / "results" / "rows.jsonl").read_bytes() == rows
+    assert set(study.read_arrays(tmp_path / "results" / "mini.npz")) == {"drop-2000", "drop-2001"}
+
+
+def test_a_run_whose_episodes_were_cut_is_not_stored(tmp_path, tiny):
+    tiny("tune", "--tasks=mini")
+    folder = tmp_path / "out" / "reported" / "mini" / "drop" / "drop-2000"
+    protocol = Protocol(tmp_path / "tiny.toml", study.chosen(tmp_path / "results"))
+    runs.train(protocol.reported("mini", "drop", 2000), folder, quiet=True)
+    path = folder / "episodes.csv"
+    path.write_text("".join(path.read_text().splitlines(True)[:-2]))
+    with pytest.raises(UsageError, match=r"episodes.csv has {'episodes': 6}"):
+        tiny("collect")
+    assert (folder / "checkpoint.npz").exists()
+    assert not (tmp_path / "results" / "rows.jsonl").exists()
+
+
+def test_a_run_that_learns_nothing_has_no_recovery_of_its_td_error():
+    assert study.recoveries(np.full(9, np.nan), [Regime(3, 9, {}, "")]) == [None]
+
+
+def test_what_is_found_is_asked_of_agents_that_hear(tmp_path, capsys):
+    """The random policy raises no alarm."""
+    few = dict(episodes=8, hidden=[8], schedule=[{"episode": 4, "force": -1.0}])
+    configs = {
+        f"{agent}-0": Config.preset("cartpole", agent=agent, **few) for agent in ("dqn", "random")
+    }
+    studies.run_study(configs, tmp_path / "study", ThreadPoolExecutor(1), quiet=True)
+    calibrate.main(["found", str(tmp_path / "study")])
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+def test_a_program_ends_as_a_command_does():
+    """What it cannot print is a question mark, and a closed pipe is no error."""
+    levels = [sys.executable, KEEP / "calibrate.py", "levels", "--envs=acrobot"]
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(levels, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
+    ascii = os.environ | {"PYTHONIOENCODING": "ascii"}
+    table = [sys.executable, KEEP / "cartpole.py", "table"]
+    done = subprocess.run(table, env=ascii, capture_output=True)
+    assert done.returncode == 0 and b"lr ? 5" in done.stdout
+
+
+def test_a_copy_of_a_stored_run_does_not_count(tmp_path):
+    for path in cartpole.RESULTS.glob("2*.json"):
+        shutil.copy(path, tmp_path)
+    before = cartpole.table(tmp_path)
+    shutil.copy(tmp_path / "20.json", tmp_path / "20 (copy).json")
+    assert cartpole.table(tmp_path) == before
 
 
 def test_a_run_that_is_refused_keeps_its_checkpoint(tmp_path, tiny):
@@ -267,6 +354,8 @@ def test_a_run_that_is_refused_keeps_its_checkpoint(tmp_path, tiny):
         ("acrobot-tuned.json", b'{"twin": 1}'),
         ("rows.jsonl", ROW.replace(b'"value"', b'"values"')),
         ("rows.jsonl", re.sub(rb'"value":[^,]*', b'"value":NaN', ROW)),
+        ("rows.jsonl", re.sub(rb'"value":[^,]*', b'"value":1e400', ROW)),
+        ("acrobot-tuned.json", b'{"twin": {"chosen": {}, "first": [], "best": [1]}}'),
         ("rows.jsonl", re.sub(rb'"alarms":[^}]*', b'"alarms":null', ROW)),
         ("acrobot.npz", (study.RESULTS / "acrobot.npz").read_bytes()),  # without its rows
     ],

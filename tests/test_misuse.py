@@ -1,6 +1,7 @@
 """Wrong uses of the command line: each gets one line that names the mistake; nothing changes."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -282,6 +283,7 @@ CHECKPOINTS = {
     "truncated": lambda data: data[: len(data) // 2],
     "empty": lambda data: b"",
     "another beginning": lambda data: b"hello\n" + data[6:],
+    "an array whose header is cut": lambda data: b"\x93NUMPY\x01\x00\x10\x00{'shape': (3,    \n",
 }
 
 
@@ -332,6 +334,27 @@ def test_a_damaged_episodes_csv_is_refused(run, capsys, damage):
     path = run / "episodes.csv"
     path.write_bytes(damage(path.read_text()).encode(errors="surrogateescape"))
     resume(run, capsys, "episodes.csv")
+
+
+OTHER_EPISODES = {
+    "without its last episode": EPISODES["without its last episode"],
+    "only a header": EPISODES["only a header"],
+    "another return": lambda text: re.sub(r"(\n3,.*?,.*?,)[^,]*", r"\g<1>-7.0", text),
+    "a return that is none": lambda text: re.sub(r"(\n3,.*?,.*?,)[^,]*", r"\g<1>nan", text),
+    "other steps": lambda text: re.sub(r"(\n5,.*?,.*?,.*?,.*?,)[^,]*", r"\g<1>7", text),
+}
+
+
+@pytest.mark.parametrize("damage", OTHER_EPISODES.values(), ids=OTHER_EPISODES)
+def test_episodes_that_are_not_those_of_the_summary_are_refused(complete, tmp_path, capsys, damage):
+    folder = Path(shutil.copytree(complete, tmp_path / "study" / "dqn"))
+    path = folder / "episodes.csv"
+    before = path.read_text()
+    path.write_text(damage(before))
+    assert path.read_text() != before
+    resume(folder, capsys, "episodes.csv has")
+    start = ["compare", "--agents", "dqn", "--quiet", *SMALL_RUN, "--out", str(folder.parent)]
+    refused(capsys, tmp_path, start, "episodes.csv has")
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"null", b"{}", b"\xff"])

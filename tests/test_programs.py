@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import mutants
 import pytest
-from helpers import contents
+from helpers import contents, own_signals
 
 from gbdqn_ref import UsageError
 
@@ -55,6 +55,7 @@ def run(monkeypatch, capsys, tmp_path):
     def run(program, arguments):
         if program == "site/build.py":
             pytest.importorskip("sphinx", reason="without the extra site")
+        own_signals(monkeypatch)
         path, before = ROOT / program, written()
         monkeypatch.chdir(tmp_path)
         monkeypatch.syspath_prepend(path.parent)

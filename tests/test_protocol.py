@@ -33,13 +33,17 @@ def reporting():
     return Protocol(tuned=TUNED)
 
 
+LENGTHS = {"regimes": 6, "first": 5, "recovery": 5, "calm": 5}  # of Acrobot's five events
+
+
 def row(protocol, **values):
     named = {"task": "acrobot", "arm": "dqn", "seed": 2000, "code": "a"} | values
     try:
         settings = settings_hash(protocol.reported(named["task"], named["arm"], named["seed"]))
     except UsageError:
         settings = ""
-    return {"settings": settings} | named
+    figures = {name: [0.0] * n for name, n in LENGTHS.items()}
+    return {"settings": settings, "evaluation": [[0.0] * 6] * 6} | figures | named
 
 
 @pytest.mark.parametrize(
@@ -66,6 +70,34 @@ def test_a_run_counts_once_and_an_arm_has_one_version_of_the_code(reporting):
         reporting.check_rows([first, second | {"code": "b"}])
     last = row(reporting, seed=2099)
     reporting.check_rows([first, last, row(reporting, arm="sliding", code="b")])
+
+
+@pytest.mark.parametrize("name", [*LENGTHS, "evaluation"])
+def test_a_row_has_a_figure_for_each_regime(reporting, name):
+    whole = row(reporting)
+    with pytest.raises(UsageError, match="has not one figure for each of its 6 regimes"):
+        reporting.check_rows([whole | {name: whole[name][:-1]}])
+    reporting.check_rows([whole, row(reporting, seed=2001) | {"evaluation": []}])
+
+
+@pytest.mark.parametrize(
+    ("find", "put", "message"),
+    [
+        ("report = [2000, 2099]", "", "has no 'report'"),
+        ("report = [2000, 2099]", "report = [2000]", "a first and a last one"),
+        ("seeds = [20, 30, 40]", "seeds = [20, 10]", "looks at more and more seeds"),
+        ("seeds = [20, 30, 40]", "seeds = [0, 20]", "looks at more and more seeds"),
+        ("seeds = [20, 30, 40]", "seeds = []", "looks at more and more seeds"),
+        ("margin = 10.0", "margin = nan", "not a finite number"),
+        ('against = ["dqn-drop", "dqn-drop-adam"]', "against = []", "an arm to be ahead of"),
+    ],
+)
+def test_a_plan_that_decides_nothing_is_refused(tmp_path, find, put, message):
+    text = FILE.read_text(encoding="utf-8")
+    assert find in text
+    (tmp_path / "plan.toml").write_text(text.replace(find, put, 1), encoding="utf-8")
+    with pytest.raises(UsageError, match=message):
+        Protocol(tmp_path / "plan.toml")
 
 
 def test_a_run_is_reported_with_the_settings_that_tuning_chose(reporting):

@@ -1,6 +1,10 @@
 """Which changes of versions, code and arithmetic count as another run, and which do not."""
 
 import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,6 +42,15 @@ def changed(before, now):
 )
 def test_the_code_of_a_run_covers_its_agent_and_the_loop(agent, modules):
     assert set(code(agent)) == modules
+
+
+def test_what_an_editor_leaves_beside_a_module_is_no_source(tmp_path):
+    """Emacs marks an unsaved buffer by a link that leads nowhere."""
+    package = Path(shutil.copytree(Path(provenance.__file__).parent, tmp_path / "gbdqn_ref"))
+    (package / ".#runs.py").symlink_to("user@host.1234:1")
+    program = "from gbdqn_ref import provenance; print(*provenance.SOURCES)"
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True)
+    assert set(done.stdout.decode().split()) == provenance.SOURCES.keys(), done.stderr
 
 
 @every_module

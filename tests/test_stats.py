@@ -430,6 +430,20 @@ def test_the_test_asks_for_more_than_the_margin():
     assert ps[0] < 0.05 < ps[1] < 0.9 < ps[2]
 
 
+@pytest.mark.parametrize("x", [[1.0, np.nan, 2.0, 3.0], [np.nan] * 8, [1e300, np.inf]])
+def test_what_is_not_finite_shows_nothing(x):
+    with np.errstate(invalid="ignore"):
+        assert sign_flip_test(x, np.random.default_rng(0)) == 1.0
+
+
+def test_ties_are_counted_whatever_the_unit():
+    """The mean of three flipped differences is as large as the mean found in one case of eight."""
+    for unit in (1e-9, 1.0, 1e9):
+        x = np.array([0.1, 0.2, 0.3]) * unit
+        p = sign_flip_test(x, np.random.default_rng(0), statistic=np.mean)
+        assert p == pytest.approx(1 / 8, abs=0.01)
+
+
 def test_the_smallest_p_is_not_0():
     p = sign_flip_test(np.arange(1.0, 31.0), np.random.default_rng(0), flips=99)
     assert p == 0.01
@@ -445,3 +459,4 @@ def test_holm_steps_down():
     assert holm([0.04, 0.01, 0.03, 0.005]) == pytest.approx([0.06, 0.03, 0.06, 0.02])
     assert holm([0.6, 0.5]) == [1.0, 1.0]
     assert holm([0.02]) == [0.02]
+    assert holm([0.001, np.nan]) == [0.002, 1.0]

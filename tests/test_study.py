@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import threading
+from concurrent.futures import Future
 from dataclasses import replace
 
 import pytest
@@ -317,6 +318,7 @@ def test_the_folder_of_a_running_study_is_refused(tmp_path):
         (["--jobs", "1001"], "jobs must be a whole number from 1 to 1,000"),
         (["--seed", "1"], "--seeds"),
         (["--dask", "nowhere"], "tcp://host:8786" if DISTRIBUTED else "cluster"),
+        (["--dask", "tls://127.0.0.1:9"], "tcp://host:8786" if DISTRIBUTED else "cluster"),
     ],
 )
 def test_a_wrong_command_is_refused(tmp_path, capsys, arguments, keyword):
@@ -359,6 +361,20 @@ def test_a_comparison_without_a_description_is_continued(tmp_path):
     age = summary.stat().st_mtime_ns
     assert main(compare_arguments(tmp_path / "out")) == 0
     assert summary.stat().st_mtime_ns == age
+
+
+def test_a_run_that_the_cluster_cancels_fails(tmp_path):
+    """A scheduler that dies cancels what it has not begun."""
+
+    class Dies(Here):
+        def submit(self, *_):
+            future = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    failed = study.run_study(FIRST, tmp_path, Dies(), quiet=True)
+    assert failed == {"dqn-0": "CancelledError: by the cluster"}
 
 
 def kill_when(ready, pid):

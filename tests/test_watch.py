@@ -343,7 +343,10 @@ def test_maps_are_only_for_gbdqn_on_mountaincar(tmp_path, settings):
 
 def test_a_run_without_a_checkpoint_is_refused(run, tmp_path):
     (tmp_path / "config.json").write_bytes((run / "config.json").read_bytes())
-    with pytest.raises(UsageError, match=r"no checkpoint\.npz yet"):
+    with pytest.raises(UsageError, match=r"no checkpoint\.npz; continue it: train --resume"):
+        watch.maps(tmp_path)
+    (tmp_path / "summary.json").touch()
+    with pytest.raises(UsageError, match=r"no checkpoint\.npz; train it anew in another folder"):
         watch.maps(tmp_path)
 
 

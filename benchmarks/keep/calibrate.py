@@ -234,12 +234,15 @@ def found(folder):
     if not complete:
         raise UsageError(f"there is no complete run in {folder}; it needs the folder of a study")
     for path in complete:
-        config, records = runs.read_config(path.parent), runs.read_episodes(path.parent)
-        _, agent = runs.read_agent(path.parent)
+        config, agent = runs.read_agent(path.parent)
+        if config.agent == "random":
+            continue  # it hears of nothing
+        _, records = runs.read_run(config, path.parent)
         ends = [each["steps"] for each in records]
         raised = np.searchsorted(ends, agent.alarms).tolist()
         evaluations = [each["evaluation"] for each in records if each["evaluation"]]
-        costly = costly_drifts(config, evaluations)
+        with files.undamaged(path.with_name("episodes.csv")):
+            costly = costly_drifts(config, evaluations)
         delays, _, _ = stats.match_alarms(raised, costly, WITHIN)
         starts = [regime.start for regime in config.regimes[1:]]
         _, _, false = stats.match_alarms(raised, starts, FAR)

@@ -188,7 +188,8 @@ def table(out):
     with its 95 % interval, and the share of dormant units at the end.
     """
     shape = {f"{event}: {arm}": SHOWN for event, arm in forks()}
-    seeds = [files.read_json(path, **shape) for path in sorted(out.glob("[0-9]*.json"))]
+    paths = [path for path in sorted(out.glob("*.json")) if path.stem.isdecimal()]
+    seeds = [files.read_json(path, **shape) for path in paths]
     if not seeds:
         raise UsageError(f"there is no run in {out}; `run` writes some")
     return [
@@ -217,11 +218,10 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
     if args.what == "run":
-        args.out.mkdir(parents=True, exist_ok=True)
         seeds = [
             k for k in range(FIRST, FIRST + args.seeds) if not (args.out / f"{k}.json").exists()
         ]
-        with ProcessPoolExecutor(args.jobs) as pool:
+        with files.locked(args.out), ProcessPoolExecutor(args.jobs) as pool:
             list(pool.map(partial(run_seed, args.out), seeds))
     print("\n".join(table(args.out)))
 

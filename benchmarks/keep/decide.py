@@ -150,9 +150,10 @@ def levels(study):
 
 def readme(study, text):
     """The README with its table written anew."""
-    if BEFORE not in text or AFTER not in text:
+    if text.count(BEFORE) != 1 or text.partition(BEFORE)[2].count(AFTER) != 1:
         raise UsageError(f"a README has its table between {BEFORE.strip()} and {AFTER}")
-    start, end = text.index(BEFORE) + len(BEFORE), text.index(AFTER)
+    start = text.index(BEFORE) + len(BEFORE)
+    end = text.index(AFTER, start)
     return f"{text[:start]}\n{signed(markdown(levels(study)))}\n\n{text[end:]}"
 
 

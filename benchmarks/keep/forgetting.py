@@ -120,9 +120,12 @@ def lead(values, arm, other):
 
 def stored(out, env, arm):
     """{seed: measures} of the runs that are stored."""
-    paths = out.glob(f"{env}-{arm}-[0-9]*.json")
-    shape = dict(value=NUMBER, drawn=(int,))
-    return {int(path.stem.split("-")[-1]): files.read_json(path, **shape) for path in paths}
+    shape, seeds = dict(value=NUMBER, drawn=(int,)), {}
+    for path in out.glob(f"{env}-{arm}-*.json"):
+        seed = path.stem.removeprefix(f"{env}-{arm}-")
+        if seed.isdecimal():  # not of another arm, nor a copy
+            seeds[int(seed)] = files.read_json(path, **shape)
+    return seeds
 
 
 def main(arguments=None):
@@ -133,9 +136,8 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
     if args.what == "run":
-        args.out.mkdir(parents=True, exist_ok=True)
         jobs = product([args.out], BINS, ARMS, range(FIRST, FIRST + args.seeds))
-        with ProcessPoolExecutor(args.jobs) as pool:
+        with files.locked(args.out), ProcessPoolExecutor(args.jobs) as pool:
             list(pool.map(run_one, jobs))
     print("\n".join(table(args.out)))
 

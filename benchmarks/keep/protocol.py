@@ -8,8 +8,10 @@ settings or by other code.
 import argparse
 import hashlib
 import json
+import re
 import tomllib
 from pathlib import Path
+from reprlib import repr as short
 
 import numpy as np
 
@@ -20,7 +22,7 @@ FILE = Path(__file__).with_name("protocol.toml")
 TEXT, NAMES = (str,), [(str,)]
 SHAPE = {
     "decisive": NAMES,
-    "seeds": (dict,),
+    "seeds": {"report": [(int,)]},
     "looks": {"seeds": [(int,)], "error": files.NUMBER},
     "tuning": {"methods": (dict,)},
     "tasks": (dict,),
@@ -54,11 +56,7 @@ class Protocol:
             setattr(self, name, self.content[name])
         self.tuned = {} if tuned is None else tuned
         self.method = {arm: name for name, method in methods.items() for arm in method["arms"]}
-        ids = [each["id"] for each in self.hypotheses]
-        if not self.looks["seeds"]:
-            raise UsageError("a protocol looks at the runs at least once; looks.seeds is empty")
-        if len(set(ids)) < len(ids) or len(ids) > 8:
-            raise UsageError(f"a protocol has at most eight hypotheses, each once, not {ids}")
+        check_plan(self.seeds, self.looks["seeds"], self.hypotheses)
         for hypothesis in self.hypotheses:
             for run in runs_of(hypothesis):
                 self.check(*run)
@@ -112,8 +110,8 @@ class Protocol:
         return Config.from_dict(config.to_dict() | values)
 
     def check_rows(self, rows):
-        """UsageError unless each row is a reported run of the protocol, once, with its settings,
-        and all runs of an arm were made by the same code.
+        """UsageError unless each row is a reported run of the protocol, once, with its settings and
+        a figure for each regime, and all runs of an arm were made by the same code.
         """
         seen, codes = set(), {}
         for row in rows:
@@ -121,8 +119,14 @@ class Protocol:
             self.check(*run)
             if run in seen:
                 raise UsageError(f"the run {run} is counted twice")
-            if row["settings"] != settings_hash(self.reported(*run)):
+            config = self.reported(*run)
+            if row["settings"] != settings_hash(config):
                 raise UsageError(f"the run {run} was made with other settings")
+            n = len(config.regimes)
+            lengths = [len(row[name]) for name in ("regimes", "first", "recovery", "calm")]
+            evaluated = [len(each) for each in row["evaluation"]]
+            if lengths != [n, n - 1, n - 1, n - 1] or evaluated not in ([], [n] * n):
+                raise UsageError(f"the run {run} has not one figure for each of its {n} regimes")
             first = codes.setdefault(row["arm"], row["code"])
             if row["code"] != first:
                 raise UsageError(f"the run {run} was made by code {row['code']}, not {first}")
@@ -168,10 +172,25 @@ class Protocol:
         return decided
 
 
+def check_plan(seeds, looks, hypotheses):
+    """UsageError for seeds, looks or hypotheses that decide nothing."""
+    if any(len(each) != 2 for each in seeds.values()):
+        raise UsageError(f"a protocol's seeds are a first and a last one, not {seeds}")
+    if not looks or looks != sorted({*looks}) or looks[0] < 1:
+        raise UsageError(f"a protocol looks at more and more seeds, from 1 on, not at {looks}")
+    ids = [each["id"] for each in hypotheses]
+    if len(set(ids)) < len(ids) or len(ids) > 8:
+        raise UsageError(f"a protocol has at most eight hypotheses, each once, not {ids}")
+    if not all(each["tasks"] and each["against"] for each in hypotheses):
+        raise UsageError("each hypothesis needs a task, and an arm to be ahead of")
+
+
 def count(text):
-    """The value of an option that is a whole number from 1."""
-    if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, not {text!r}")
+    """The value of an option that is a whole number from 1 to a thousand."""
+    if not re.fullmatch("0*([1-9][0-9]{0,2}|1000)", text):
+        raise argparse.ArgumentTypeError(
+            f"must be a whole number from 1 to 1000, not {short(text)}"
+        )
     return int(text)
 
 

@@ -38,7 +38,7 @@ ROW = dict.fromkeys(("task", "arm", "code", "settings"), (str,)) | {
     "evaluation": [[NUMBER]],
     "alarms": [(int,)],
 }
-TUNED = {"chosen": (dict,), "first": (list,), "best": (list,)}
+TUNED = {"chosen": (dict,), "first": [(list,)], "best": [[NUMBER]]}
 EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
 
 
@@ -109,7 +109,7 @@ def measure(protocol, task, arm, tried, seeds, folder, pool):
 def diverged(config, error):
     """What a run that diverged counts as; any other error is raised."""
     if "DivergenceError" not in error:
-        raise RuntimeError(error)
+        raise UsageError(f"{config.agent}, seed {config.seed}: {error}")
     return runs.random_return(config)
 
 
@@ -135,7 +135,7 @@ class Store:
         path = self.folder / "rows.jsonl"
         with files.undamaged(path):
             lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-            rows = [json.loads(line, parse_constant=int) for line in lines]  # refuses NaN
+            rows = [files.parse_json(line) for line in lines]
             for row in rows:
                 files.check_shape(row, ROW, "a row")
             self.rows = {(row["task"], row["arm"], row["seed"]): row for row in rows}
@@ -166,17 +166,23 @@ class Store:
         for path in complete:
             task, arm = path.parts[-4:-2]
             config = runs.read_config(path.parent)
-            if (task, arm, config.seed) not in self.rows:
+            if not self.has(task, arm, config.seed):
                 wanted = self.protocol.reported(task, arm, config.seed)
                 if settings_hash(config) != settings_hash(wanted):
                     raise UsageError(f"the run in {path.parent} was made with other settings")
-                records = runs.read_episodes(path.parent)
+                _, records = runs.read_run(config, path.parent)
                 returns = np.array([record["return"] for record in records])
                 _, agent = runs.read_agent(path.parent)
                 self.add(task, arm, config, row(config, records, returns, agent), returns)
         self.write()
         for path in complete:
             (path.parent / "checkpoint.npz").unlink(missing_ok=True)
+
+    def has(self, task, arm, seed):
+        """Whether the row of a run is stored, and its returns, if its arm is a decisive one."""
+        decisive = arm in self.protocol.content["decisive"]
+        stored = not decisive or f"{arm}-{seed}" in self.returns.get(task, {})
+        return (task, arm, seed) in self.rows and stored
 
     def add(self, task, arm, config, measured, returns):
         """Add one run."""
@@ -233,6 +239,8 @@ def recoveries(x, regimes):
     last mean before the regime. Episodes without a value are interpolated.
     """
     known = np.isfinite(x)
+    if not known.any():
+        return [None] * len(regimes)
     x = np.interp(np.arange(len(x)), np.flatnonzero(known), x[known])
     episodes = []
     for regime in regimes:
