@@ -533,11 +533,12 @@ def markdown(table):
 
 
 def drawn(study):
-    """{task: arms that can be drawn}."""
+    """{task: arms that can be drawn} of the tasks that have all of them, or else some."""
     found = {
         task: [arm for arm in DRAWN if study.curves(task, arm)] for task in study.tasks("oracle")
     }
-    return {task: arms for task, arms in found.items() if arms}
+    most = max(map(len, found.values()), default=0)
+    return {task: arms for task, arms in found.items() if most and len(arms) == most}
 
 
 def picture(study):

@@ -5,6 +5,7 @@ python benchmarks/keep/decide.py
 """
 
 from collections import Counter
+from math import inf
 from pathlib import Path
 
 from conclude import hypotheses, interval, markdown, side, signed, stored, words
@@ -19,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
 TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
-ANSWERING = *TWINS[0], *TWINS[1], "gb-drop", "reuse-told", "dqn-detected", "reuse"
+ANSWERING = *TWINS[0], "gb-drop", "reuse-told"
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
 AGENTS = {  # the README's: arm, what it is, what tells it of a drift
     "dqn": ("DQN", "schedule"),
@@ -76,9 +77,12 @@ def parts(study, env):
 
     Of the two agents that store networks, with Adam kept or restarted, the better one counts.
     """
-    stores, detects = (
-        max(twins, key=lambda twin: stats.iqm(study.values(env, twin)[0])) for twins in TWINS
-    )
+
+    def level(twin):
+        (values,) = study.values(env, twin)
+        return stats.iqm(values) if len(values) else -inf
+
+    stores, detects = (max(twins, key=level) for twins in TWINS)
     pairs = {
         "stored networks, over DQN that drops its data": (stores, "dqn-drop"),
         "a booster, over the same": ("gb-drop", "dqn-drop"),
@@ -103,8 +107,12 @@ def answer(study):
     lines = [
         f"- **{LABELS[env]}.** {verdict(*[*each.values()][:5])}" for env, each in found.items()
     ]
+
+    def cell(x):
+        return f"{words(x)}, mean {x.mean():+.1f}" if len(x) else words(x)
+
     rows = [
-        [what, *(f"{words(each[what])}, mean {each[what].mean():+.1f}" for each in found.values())]
+        [what, *(cell(each[what]) for each in found.values())]
         for what in next(iter(found.values()))
     ]
     table = markdown((["told of the drifts", *map(LABELS.get, found)], rows))
