@@ -80,26 +80,6 @@ def test_a_row_has_a_figure_for_each_regime(reporting, name):
     reporting.check_rows([whole, row(reporting, seed=2001) | {"evaluation": []}])
 
 
-@pytest.mark.parametrize(
-    ("find", "put", "message"),
-    [
-        ("report = [2000, 2099]", "", "has no 'report'"),
-        ("report = [2000, 2099]", "report = [2000]", "a first and a last one"),
-        ("seeds = [20, 30, 40]", "seeds = [20, 10]", "looks at more and more seeds"),
-        ("seeds = [20, 30, 40]", "seeds = [0, 20]", "looks at more and more seeds"),
-        ("seeds = [20, 30, 40]", "seeds = []", "looks at more and more seeds"),
-        ("margin = 10.0", "margin = nan", "not a finite number"),
-        ('against = ["dqn-drop", "dqn-drop-adam"]', "against = []", "an arm to be ahead of"),
-    ],
-)
-def test_a_plan_that_decides_nothing_is_refused(tmp_path, find, put, message):
-    text = FILE.read_text(encoding="utf-8")
-    assert find in text
-    (tmp_path / "plan.toml").write_text(text.replace(find, put, 1), encoding="utf-8")
-    with pytest.raises(UsageError, match=message):
-        Protocol(tmp_path / "plan.toml")
-
-
 def test_a_run_is_reported_with_the_settings_that_tuning_chose(reporting):
     """Without a drift and on the held-out schedule too, where nothing is tuned."""
     with pytest.raises(UsageError, match="acrobot-null is reported after acrobot is tuned"):
@@ -136,9 +116,16 @@ def test_each_seed_serves_one_purpose(protocol, purpose, seed):
         ('arm = "reuse-told"', 'arm = "reuse-tld"', "no arm 'reuse-tld'"),
         ('tasks = ["mountaincar"]', 'tasks = ["hopper"]', "no task 'hopper'"),
         ('id = "H2"', 'id = "H1"', "each once"),
+        ("report = [2000, 2099]", "", "has no 'report'"),
+        ("report = [2000, 2099]", "report = [2000]", "a first and a last one"),
+        ("seeds = [20, 30, 40]", "seeds = [20, 10]", "looks at more and more seeds"),
+        ("seeds = [20, 30, 40]", "seeds = [0, 20]", "looks at more and more seeds"),
+        ("seeds = [20, 30, 40]", "seeds = []", "looks at more and more seeds"),
+        ("margin = 10.0", "margin = nan", "not a finite number"),
+        ('against = ["dqn-drop", "dqn-drop-adam"]', "against = []", "an arm to be ahead of"),
     ],
 )
-def test_a_protocol_with_an_unknown_name_is_refused(tmp_path, old, new, message):
+def test_a_protocol_that_names_or_decides_nothing_is_refused(tmp_path, old, new, message):
     text = FILE.read_text(encoding="utf-8")
     assert old in text
     (tmp_path / "protocol.toml").write_text(text.replace(old, new, 1), encoding="utf-8")

@@ -533,7 +533,7 @@ def markdown(table):
 
 
 def drawn(study):
-    """{task: arms that can be drawn} of the tasks that have all of them, or else some."""
+    """{task: arms that can be drawn} of the tasks that have most of them."""
     found = {
         task: [arm for arm in DRAWN if study.curves(task, arm)] for task in study.tasks("oracle")
     }

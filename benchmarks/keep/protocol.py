@@ -8,7 +8,6 @@ settings or by other code.
 import argparse
 import hashlib
 import json
-import re
 import tomllib
 from pathlib import Path
 from reprlib import repr as short
@@ -187,7 +186,7 @@ def check_plan(seeds, looks, hypotheses):
 
 def count(text):
     """The value of an option that is a whole number from 1 to a thousand."""
-    if not re.fullmatch("0*([1-9][0-9]{0,2}|1000)", text):
+    if not text.isdecimal() or len(text) > 4 or not 1 <= int(text) <= 1000:
         raise argparse.ArgumentTypeError(
             f"must be a whole number from 1 to 1000, not {short(text)}"
         )
