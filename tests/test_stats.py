@@ -437,11 +437,11 @@ def test_what_is_not_finite_shows_nothing(x):
 
 
 def test_ties_are_counted_whatever_the_unit():
-    """The mean of three flipped differences is as large as the mean found in one case of eight."""
-    for unit in (1e-9, 1.0, 1e9):
-        x = np.array([0.1, 0.2, 0.3]) * unit
+    """Of the eight flips of 3 − 1 − 2 three have a mean above 0, and two 0, but for rounding."""
+    for unit in np.geomspace(1e-9, 1e9, 19) / 7:
+        x = np.array([3.0, -1.0, -2.0]) * unit * np.pi
         p = sign_flip_test(x, np.random.default_rng(0), statistic=np.mean)
-        assert p == pytest.approx(1 / 8, abs=0.01)
+        assert p == pytest.approx(5 / 8, abs=0.02)
 
 
 def test_the_smallest_p_is_not_0():
