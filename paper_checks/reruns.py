@@ -194,7 +194,7 @@ def effects(ingredient, sign):
             if name.startswith(ingredient) and outside and len(results["seeds"]) > 3:
                 company = name.split(", ")[1]
                 found.append(f"{_label(env, preset)} ({company}, {gain(study, added, without)})")
-    return ", ".join(found) or "none of them"
+    return "; ".join(found) or "none of them"
 
 
 def correlation():

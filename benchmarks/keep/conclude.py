@@ -223,7 +223,17 @@ def completeness(study):
         missing = [f"{arm} {n - k}" for arm, k in zip(wanted, there, strict=True) if k < n]
         shown = ", ".join(missing) if any(there) else "all"
         table.append([task, f"{sum(there)} of {n * len(wanted)} runs", shown])
-    return ["task", "there", "missing"], table
+    there = f"stored, of the first look's {n} seeds"
+    return ["task", there, "missing"], table
+
+
+def definitions(protocol):
+    """What each arm is: its agent, the settings that define it, and the parts it is in."""
+    table = []
+    for arm, content in protocol.arms.items():
+        settings = ", ".join(f"{name} = {x}" for name, x in content.get("set", {}).items())
+        table.append([f"`{arm}`", content["agent"], settings, ", ".join(content["parts"])])
+    return ["arm", "agent", "settings", "parts"], table
 
 
 def hypotheses(study):
@@ -357,7 +367,7 @@ def nulls(study):
             best = stats.iqm(study.values(task, reference, of="final")[0])
             x = 100 * x / (best - random_return(study.config(task, reference).env))
             small = interval(x)[0] > -COSTS
-            table.append([task, arm, len(x), words(x), "yes" if small else "no"])
+            table.append([task, arm, len(x), words(x), "yes" if small else "not shown"])
     return [
         "task",
         "arm",
@@ -511,6 +521,7 @@ def page(study, results):
         looks=", ".join(map(str, looks["seeds"])),
         error=looks["error"] / len(looks["seeds"]),
         verdicts=verdicts(study),
+        definitions=markdown(definitions(protocol)),
         arms=sections(by_part),
         adaptation=sections(by_task),
         tuning=markdown(tuning(results)),

@@ -45,7 +45,7 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
         ("drop the data, store the network, add a booster", "reuse-told", "dqn-drop", "oracle"),
         ("the same, against the booster alone", "reuse-told", "gb-drop", "oracle"),
     ],
-    "nothing changed, but you are told so": [
+    "you are told of a change, but nothing changed": [
         ("drop the data", "dqn-drop", "dqn-untold", "null"),
     ],
     "you cannot tell": [
