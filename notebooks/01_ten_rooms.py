@@ -60,8 +60,8 @@ print(step(8, RIGHT, goal=9), step(0, LEFT, goal=9))
 # ## What a walk is worth
 #
 # The **return** of a walk is the sum of its rewards, where later ones count less. The
-# first reward counts in full, the second 0.9 as much, the third 0.81 as much, and so
-# on. The factor γ = 0.9 is the **discount**.
+# first reward counts in full, the second 0.9 times, the third 0.81 times, and so on.
+# The factor γ = 0.9 is the **discount**.
 #
 # $$G = r_0 + \gamma\, r_1 + \gamma^2 r_2 + \dots$$
 #
@@ -198,10 +198,10 @@ update = check("update", update)
 solution("update")
 
 # %% [markdown]
-# Which action should it take meanwhile? Mostly the greedy one. But an agent that is
-# always greedy learns nothing about what it never tries, so one action in five is
-# random. Such a policy is called **ε-greedy**, here with ε = 0.2. (At a tie `argmax`
-# takes the first action, left.)
+# This rule is called **Q-learning**. Which action should it take meanwhile? Mostly the
+# greedy one. But an agent that is always greedy learns nothing about what it never
+# tries, so one action in five is random. Such a policy is called **ε-greedy**, here
+# with ε = 0.2. (At a tie `argmax` takes the first action, left.)
 
 
 # %%
@@ -309,11 +309,11 @@ print(f"at γ = 0.9 it would be:    {y - 1 / (1 - 0.9):.1f}")
 assert y - q_before == 0 and np.isclose(y - 1 / (1 - 0.9), -8)
 
 # %% [markdown]
-# Another world, and no TD error, neither above 0 nor below. This refutes the sentence,
-# and no more: the values have not changed either, so nothing has to be learnt anew. At
-# γ = 0.9 the same change does change them, and δ shows it. (Claim C1. Codes like this
-# one lead to our [ledger](../paper_checks/README.md) of the paper's claims, where each
-# has its proof or test.)
+# Another world, and no TD error, neither above 0 nor below. So the sentence needs an
+# assumption: that the values move. Here they have not, and nothing has to be learnt
+# anew. At γ = 0.9 the same change does change them, and δ shows it. (Claim C1. Codes
+# like this one lead to our [ledger](../paper_checks/README.md) of the paper's claims,
+# where each has its proof or test.)
 #
 # What does hold is a bound in both directions (C2). Write $\Delta Q^*$ for the new Q*
 # minus the old one. Write $\lVert x \rVert_\infty$ for the largest absolute entry of

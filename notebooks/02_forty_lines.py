@@ -11,8 +11,8 @@
 # **How to read this with the paper open.** Eq. 1 is what you will write: its last term
 # is your `h`, the rest your `frozen`. Eq. 4 is what `h` moves towards. Go through
 # Algorithm 1 with a pencil and mark every $Q_{m-1}$ and every $\bar Q_{m-1}$: you will
-# need these marks in the section “To the letter”. Lines 11, 13, 14 and 18 belong to
-# notebook 6. No line says how a drift is noticed (A4).
+# need these marks in the section “To the letter”. Lines 11–14 and 18 belong to notebook
+# 6. No line says how a drift is noticed (X24).
 
 # %%
 import numpy as np
@@ -180,9 +180,10 @@ print(f"largest difference between the two Qs after 300 episodes: {gap:.0e}")
 #   \;=\; Q + \text{rate}\cdot(y - Q) .$$
 #
 # To move $h$ towards $y$ − frozen is to move Q towards $y$, by just as much. **With a
-# table, freezing is the same as going on.** Whatever freezing brings or costs must come
-# from something that a table does not have. That is a network. All rooms share its
-# weights, so one room's Q cannot move without moving the others' (notebook 3).
+# table, this update and α = 1, freezing is the same as going on.** Whatever else
+# freezing does must come from something that is missing here: another α, an optimizer
+# with a memory, or a network. All rooms share its weights, so one room's Q cannot move
+# without moving the others' (notebook 3).
 
 # %% tags=["predicted"]
 agent, _ = froze[0]  # seed 0
@@ -339,11 +340,11 @@ show(
 #
 # </details>
 #
-# Live, one booster is enough (B3). Its target contains what it learns itself, so it can
-# settle only where Q is its own target, at the new Q*. A perfect live booster is
-# $h$ = new Q* − frozen. The $h$ that your agent learns comes close to it, first where
-# the agent walks often. We compare the larger Q of each room, since the other action is
-# tried too seldom:
+# Live, with α = 1, one booster is enough (B3). Its target contains what it learns
+# itself, so it can settle only where Q is its own target, at the new Q*. A perfect live
+# booster is $h$ = new Q* − frozen. The $h$ that your agent learns comes close to it,
+# first where the agent walks often. We compare the larger Q of each room, since the
+# other action is tried too seldom:
 
 # %%
 new = corridor(0).q_star()
@@ -354,10 +355,12 @@ for agent, _ in froze:
     assert gap < 0.01
 
 # %% [markdown]
-# Here is the instrument of the ten rooms. Above hangs Q, with what is left of the
-# residual; below stands the policy after each perfect booster, green where it is right.
-# In Jupyter, run the cell after the picture, and move α, γ and the two switches: target
-# frozen or live, and whether the booster is fitted as $h$ or as $\alpha h$.
+# Here is the instrument of the ten rooms. The upper panel shows Q as bars, with what is
+# left of the residual; the lower panel shows the policy after each perfect booster,
+# green where it is right. In Jupyter, run the cell after the picture, and move α, γ and
+# the two switches: target frozen or live, and whether the booster is fitted as $h$ or
+# as $\alpha h$. (Fitted as $\alpha h$, it cancels α; fitted as $h$ with α < 1, even a
+# live one stops short. Notebooks 4 and 7 say why.)
 
 # %% tags=["still"]
 show(
@@ -394,9 +397,9 @@ assert [len(stages(alpha, gamma=0.99)) - 1 for alpha in (1, 0.1)] == [10, 80]
 #
 # GB-DQN splits Q into a frozen part and a learner $h$, which is fitted to the residual.
 # On a table the split changes nothing, because moving $h$ moves Q by as much. It can
-# matter only if the learner is not a table. The next notebook takes a network.
-# Algorithm 1 to the letter is another matter: it acts by the frozen part and makes its
-# targets from it. Then a whole stage changes no action, and even a perfect booster is
-# one Bellman backup.
+# matter only with a network, another optimizer or another α. The next notebook takes a
+# network. Algorithm 1 to the letter is another matter: it acts by the frozen part and
+# makes its targets from it. Then a whole stage changes no action, and even a perfect
+# booster is one Bellman backup.
 #
 # [← 1](01_ten_rooms.ipynb) · [contents](README.md) · [3 →](03_forgetting.ipynb)

@@ -69,8 +69,8 @@ solution("elsewhere")
 # $$\Delta Q(x_2) \;\approx\; \text{rate} \cdot \delta \cdot
 #   \nabla_\theta Q(x) \cdot \nabla_\theta Q(x_2) .$$
 #
-# Where the two gradients point the same way, $x_2$ moves along with $x$. If that is
-# welcome, it is called **generalization**; if it is not, **interference**. It is the
+# Where the two gradients point the same way, $Q(x_2)$ moves along with $Q(x)$. If that
+# is welcome, it is called **generalization**; if it is not, **interference**. It is the
 # same thing.
 #
 # ## Your forty lines, with a network
@@ -252,14 +252,15 @@ show(
 # catastrophic forgetting” (section “Acrobot”). The components do remain intact, to the
 # last bit. The sum does not (M20).
 #
-# Look at which action they have learnt, though. In the new world left *is* right in
-# rooms 5 to 8, and the network guessed it from rooms 1 to 3. What is forgetting for the
-# old goal is generalization for the new one. A network cannot tell which you want.
+# Look at which action they have learnt, though. In the new world left *is* the correct
+# action in rooms 5 to 8, and the network guessed it from rooms 1 to 3. What is
+# forgetting for the old goal is generalization for the new one. A network cannot tell
+# which you want.
 #
 # ### The old goal comes back
 #
 # Second, the goal moves from 9 to 0, now seen from all rooms, and then it moves back to
-# 9. Whoever has kept something should be quick. We compare agents that
+# 9. An agent that has kept something should be quick. We compare agents that
 #
 # - **go on** with the same network,
 # - **freeze** it at both drifts, and learn a new $h$,
@@ -317,11 +318,11 @@ show(
 # Going on is fastest, after both drifts. Before you conclude that freezing is slow,
 # look at the last row. It is a **control**: it changes one suspected cause and nothing
 # else. Adam, the optimizer, remembers how large the gradients were, and makes larger
-# steps after small ones. An agent that goes on enters the drift with small gradients in
-# that memory; a new $h$ comes with a new Adam. Give the agent that goes on a new Adam as
-# well, and its lead is gone. **Here freezing and going on are about equally quick; what
-# differed was the optimizer.** An experiment that compares methods has to hold such
-# things equal (notebook 12).
+# steps after small gradients. An agent that goes on enters the drift with small
+# gradients in that memory; a new $h$ comes with a new Adam. Give the agent that goes on
+# a new Adam as well, and its lead is gone. **Here freezing and going on are about
+# equally quick; what differed was the optimizer.** An experiment that compares methods
+# has to hold such things equal (notebook 12).
 #
 # The paper says that “new learners correct only the discrepancies introduced by drift
 # rather than relearning the value function from scratch” (section “Introduction”).

@@ -48,7 +48,8 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 source(Ensemble.boosters, Ensemble.terms)
 
 # %% [markdown]
-# The same in a loop, on the ten rooms:
+# `weight` is the boosters' α in the sum that acts; they differ only where a stage is
+# reused (notebook 13). It is not the w below. The same in a loop, on the ten rooms:
 
 # %%
 net = MLP((ROOMS, 16, 2))
@@ -71,7 +72,7 @@ assert np.allclose(second - first, ensemble.terms(rooms)[1], atol=1e-6)  # α_2 
 print(Ensemble(net).q(rooms)[5])
 
 # %% [markdown]
-# An empty sum is zero. Algorithm 1 starts there; notebook 7 shows what that costs.
+# An empty sum is zero. If boosting starts there, it costs something (notebook 7).
 #
 # ## Eqs. 2–3 · The residual is the direction in which the loss falls
 #
@@ -221,8 +222,8 @@ assert elsewhere > 3 * everywhere > 0
 # to correct. Now take the ten rooms. Q is frozen on the day the goal moves from room 9
 # to room 0, and every step from every room is in the data.
 #
-# > **Predict.** The best action changes in eight rooms. In how many is there a
-# > residual?
+# > **Predict.** The best action changes in eight rooms. (In room 9 walks used to end,
+# > so there was none to change.) In how many rooms is there a residual?
 
 # %% tags=["predicted"]
 q_old[0] = 0  # room 0 is now the end: nothing comes after it (D1)
@@ -401,7 +402,7 @@ _ = interact(
 
 # %% [markdown]
 # > **Predict.** The paper has $\alpha_i > 0$ (Eq. 1). Can the α of Eq. 8 be negative?
-# > And if the booster fits no worse than 0 everywhere?
+# > And if the booster's squared error is no larger than that of the zero function?
 
 # %% tags=["predicted"]
 print("r = −1, h = 1: α =", closed_form_alpha(np.array([-1.0]), np.array([1.0])))
@@ -417,7 +418,7 @@ assert smallest >= 0.5
 
 # %% [markdown]
 # A booster that points the wrong way gets a negative weight. One that fits no worse
-# than 0 has α ≥ ½ (M2).
+# than the zero function has α ≥ ½ (M2).
 #
 # That holds if the fit and Eq. 8 use the same weights. Take the two samples from above
 # and their best constant, h = −1/5. Eq. 8 gives it an α of −5:
@@ -449,6 +450,8 @@ assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 #
 # At the next drift $h_m$ is frozen and joins $Q_{m-1}$. For each of the N stored
 # transitions the package keeps the frozen answers, and adds the booster's share to them.
+#
+# From here on `q_frozen` holds the action taken only.
 #
 # **Exercise 4.** Bring the kept $Q_{m-1}(s_i, a_i)$ up to date.
 
@@ -484,9 +487,10 @@ assert np.allclose(yours, agent.q_frozen, atol=1e-5)
 assert np.allclose(agent.ensemble.q(s)[np.arange(50), a], agent.q_frozen, atol=1e-5)
 
 # %% [markdown]
-# So an update asks no frozen network, however many there are (M17, M19). Each booster is
-# as large as the first, though; “lightweight” is not the word (M18). And a drift
-# changes no answer: the next booster starts as the zero function.
+# So an update asks no frozen network, however many there are (M17, M19). Each booster
+# is as large as the first, though; “lightweight” is not the word (M18). And with a live
+# target and a fixed α a drift changes no answer: the next booster starts as the zero
+# function.
 
 # %% [markdown]
 # ## Summary

@@ -44,8 +44,8 @@ q_star = corridor(goal=9).q_star()
 # | $\gamma$ | `gamma` | scalar | discount |
 # | $y_i$ | result | (B,) | the target |
 #
-# To use a guess, $\bar Q$, in the target for another guess is to **bootstrap**. (The
-# statistician's bootstrap, drawing samples from a sample, is another thing.)
+# The target bootstraps with $\bar Q$. (The statistician's bootstrap, drawing samples
+# from a sample, is another thing.)
 #
 # **Exercise 1.** Write the target.
 
@@ -196,8 +196,8 @@ solution("polyak")
 # %% [markdown]
 # What is it good for? Take it away: with τ = 1 the copy is the network itself. We
 # measure on the ten rooms, where Q* is known. The replay holds all 18 possible steps,
-# so exploration plays no part. Once Q is a table, and once a network that is told the
-# room as one number, so that rooms cannot move alone.
+# so exploration plays no part. Q is first a table, then a network whose input is the
+# room as one number, so that no room's Q can move alone.
 #
 # > **Predict.** τ = 1, 0.1, 0.01 and 0. Which is fastest on the table? Which ends
 # > nearest to Q* with the network? Where does τ = 0 end?
@@ -259,10 +259,10 @@ show(
 )
 
 # %% [markdown]
-# On the table the target network only costs time. With the network, τ = 1 moves the
-# targets of all rooms at each update: Q jitters far from Q*. With τ = 0.01 it arrives
-# late, and much nearer. So τ trades speed for calm. What is best depends on the task;
-# 0.1 has both here.
+# On the table τ = 0.01 only costs time, and τ = 0.1 is as fast as no target network.
+# With the network, τ = 1 moves the targets of all rooms at each update: Q jitters far
+# from Q*. With τ = 0.01 it arrives late, and much nearer. So τ trades speed for calm.
+# What is best depends on the task; 0.1 has both here.
 #
 # With τ = 0 the target never moves. Q ends one step ahead of the copy that it started
 # with, and stays there, however long it learns:
@@ -331,10 +331,10 @@ show(
 #
 # ## On CartPole
 #
-# The same class with two hidden layers keeps a pole upright, for 500 steps at most.
-# Two runs without a target network, and two with the package's τ.
+# The same class with two hidden layers keeps a pole upright, for 500 steps at most. Two
+# runs without a target network, and two with τ = 0.01.
 #
-# > **Predict.** On which side are the better runs? Do they keep what they learn?
+# > **Predict.** Which runs are better? Do they keep what they learn?
 
 # %% tags=["predicted"]
 episodes, seeds = (12, [0]) if FAST else (220, [0, 1])
@@ -359,12 +359,12 @@ show(
 )
 
 # %% [markdown]
-# The return over the episodes is called a **learning curve**. All four runs learn. The
-# printed runs without a target network rise higher: slow targets cost
-# time first, as on the table, and a run is short. None of them climbs steadily. A curve
-# may end at its peak or far below it, and on another machine the same seed draws
-# another curve. So one run says nothing about *keeping* what was learnt; notebook 12
-# counts it over many.
+# The plot of the return over the episodes is called a **learning curve**. All four runs
+# learn. In the printed output the runs with a target network rise earlier, and those
+# without it rise higher; two runs of each do not show why. None of them climbs
+# steadily. A curve may end at its peak or far below it, and on another machine the same
+# seed draws another curve. So one run says nothing about *keeping* what was learnt;
+# notebook 12 counts it over many.
 
 # %% [markdown]
 # ## Summary

@@ -105,8 +105,8 @@ _ = interact(
 
 # %% [markdown]
 # Now watch it happen, in a full buffer of 10,000: each new transition replaces the
-# oldest. A table learns from it, 64 draws at every fourth step. Only the draws differ;
-# the last replay drops the old data at the drift.
+# oldest. A table learns from it, 64 draws at every fourth step. Only the draws differ
+# (no importance weights); the last replay drops the old data at the drift.
 #
 # > **Predict.** Put in order: even draws, error alone, the package's defaults (β = 0.3,
 # > α = 0.0001), and the drop. After how many steps are all nine rooms right?
@@ -124,7 +124,7 @@ def age_through(replay, stored=before):
         if k % 4 == 0:
             batch = replay.sample(64, draws)
             delta, pairs = errors(batch, Q), (batch.s[:, 0].astype(int), batch.a)
-            np.add.at(Q, pairs, 0.02 * batch.weight * delta)
+            np.add.at(Q, pairs, 0.02 * delta)
             replay.update_priorities(batch.index, delta)
         if k % EVERY == 0:
             old, way = replay.age(replay.slots()) >= k, Q[1:, 0] > Q[1:, 1]
@@ -153,13 +153,14 @@ assert turned["the defaults"] > turned["even draws"] / 2
 show(
     pictures.ageing(tracks, EVERY),
     alt="Left: the share of old draws over time; error alone stays highest late, a "
-    "small β falls fast, dropped data is 0 from the start. Right: rooms turn in "
-    "the same order.",
+    "small β falls fast, dropped data is 0 from the start. Right: all rooms turn "
+    "first with dropped data, then with the small β; the others take far longer.",
 )
 
 # %% [markdown]
 # With even draws the old share falls step by step. Error alone starts lower and ends
-# higher. How much do the defaults draw of 10,000 old transitions, beside 1,000 new?
+# higher. With 10,000 old transitions and 1,000 new ones, what share of the draws is old
+# under the defaults?
 
 # %%
 _, low, high = (P[old].sum() for _, _, P, old in moments(mix=0.3, rate=1e-4))
@@ -170,11 +171,11 @@ recent = 0.7 * time_priority(np.arange(50_000), 1e-4).sum()
 assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 
 # %% [markdown]
-# Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and those
-# are old. The defaults suit a full buffer of 50,000: recency keeps about a third of
-# the draws when all errors are alike (D13); they do not forget a world that fast. A
-# small β with a larger rate does. It costs nothing here, where 1,000 random steps show
-# every room. What to keep elsewhere is notebook 13.
+# Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and nine
+# in ten of those are old. The defaults suit a full buffer of 50,000: recency keeps
+# about a third of the draws when every $p^{TD}$ is 1 (D13); they do not forget a world
+# that fast. A small β with a larger rate does. It costs nothing here, where 1,000
+# random steps show every room. Notebook 13 asks what to keep elsewhere.
 #
 # ## Why even draws are not enough
 #
@@ -207,7 +208,7 @@ assert was < mixed < new
 # | paper | code | shape | what it is |
 # |---|---|---|---|
 # | $\delta_i$ | `delta` | (B,) | TD error when it was last drawn |
-# | $\varepsilon$ | `priority_offset` | scalar | so that 0 does not mean never again (R6) |
+# | $\varepsilon$ | `priority_offset` | scalar | *not* the ε of ε-greedy; so that 0 does not mean never again (R6) |
 # | $\gamma$ | `priority_exponent` | scalar | *not* the discount |
 
 # %%
@@ -246,8 +247,8 @@ show(
 )
 
 # %% [markdown]
-# Downwards: 14.5 is beyond 9, so right, with 5.5 left; 5.5 is within 7, so left; 5.5 is
-# beyond 5, so right. A new priority changes one sum in each row.
+# Downwards: 14.5 is beyond 9, so right, with 5.5 remaining; 5.5 is within 7, so left;
+# 5.5 is beyond 5, so right. A new priority changes one sum in each row.
 #
 # ## Eq. 10, second half · Priority by recency
 #

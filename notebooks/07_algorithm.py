@@ -4,12 +4,11 @@
 # You will be able to point from each printed line to its line of code, and say which
 # readings of the algorithm adapt, and by how much per booster.
 #
-# *Time: 29 minutes. Needs: notebooks 2, 4, 5 and 6; geometric sequences. With the paper
+# *Time: 30 minutes. Needs: notebooks 2, 4, 5 and 6; geometric sequences. With the paper
 # open: section “Algorithm”, Algorithm 1; Eqs. 1, 4, 5, 8 and 9.*
 #
-# **How to read this with the paper open.** Number the printed lines from “$h_m$: dqn
-# network to train”, which is line 1. Mark every $Q_{m-1}$ and every $Q_m$. There is one
-# $Q_m$, in the last line.
+# **How to read this with the paper open.** Line 1 of Algorithm 1 is “$h_m$: dqn network
+# to train”. Mark every $Q_{m-1}$ and every $Q_m$. There is one $Q_m$, in the last line.
 
 # %% [markdown]
 # ## Algorithm 1, lines 1–29 · where each line lives
@@ -37,7 +36,7 @@ pictures.table()
 # %% [markdown]
 # Four things strike the reader.
 #
-# 1. **Nothing detects a drift, and nothing computes $\alpha_m$** (claims A3, A4). Here
+# 1. **Nothing detects a drift, and nothing computes $\alpha_m$** (claims X24, A3). Here
 #    a drift is announced, and α is an option: a number, or the closed form of Eq. 8
 #    (D15, D7).
 # 2. **Lines 9–11 compute a target and a residual for the new transition**, but only its
@@ -72,9 +71,9 @@ assert waiting == 1 and np.isclose(agent.replay.tree.leaves[0], drawn, atol=1e-6
 pictures.beside(GBDQN.live.fget, GBDQN.q)
 
 # %% [markdown]
-# Here is the package's agent in the ten rooms. Its network is a table, and the buffer
-# holds each of the 18 transitions once. So neither approximation nor exploration is to
-# blame for what you will see.
+# Here is the package's agent in the ten rooms. Its network is a table with one bias
+# that all rooms share, and the buffer holds each of the 18 transitions once. So neither
+# approximation nor exploration is to blame for what you will see.
 
 
 # %%
@@ -239,7 +238,7 @@ assert np.isclose(residual_target(-1, True, *frozen_part), 5)
 #
 # Line 29 sets $Q_m = Q_{m-1} + \alpha_m h_m$. A frozen network never changes again. So
 # its answers for a stored transition are computed once and kept, in a **cache**, and it
-# is its own target network (D3). No line ever takes a booster away (claim M20).
+# is its own target network (D3). No line ever takes a booster away (claim M22).
 
 # %%
 pictures.beside(GBDQN.fold_in)
@@ -307,10 +306,11 @@ for target, expected in (("live", [4, 4, 4, 4]), ("frozen", [4, 3, 3, 3])):
 #
 # $$Q_m = (1-\alpha)\,Q_{m-1} + \alpha\,\mathcal{T}Q_{m-1}$$
 #
-# This is one backup, damped by α, **per drift** (claims A2, B1). A **fixed point** is a
-# Q at which a stage comes to rest. Each reading has its own. The right column is the
-# part of the error $\|Q - Q^*\|_\infty$ that a booster may leave (claims B5, B6); η is
-# the shrinkage of the experiments:
+# This is one backup, damped by α, **per drift** (claims A2, B1). Each reading comes to
+# rest at a Q′ of its own; only in row 3 is it Q*, the **fixed point** of $\mathcal{T}$,
+# the Q that a backup does not change. The right column is the part of the error
+# $\|Q - Q^*\|_\infty$ that a booster may leave (claims B5, B6); η is the shrinkage of
+# the experiments:
 #
 # | reading | a stage ends at Q′ | leaves at worst |
 # |---|---|---|
@@ -371,7 +371,9 @@ show(
 )
 
 # %% [markdown]
-# Every booster fits its targets exactly, but only the live target with the loss on
+# Every booster fits its targets exactly. (Reading 1 turns three rooms, not one. Before
+# the drift no transition started in room 9, so the shared bias had moved Q there; after
+# the backup rooms 8 and 9 go left, too.) But only the live target with the loss on
 # $\alpha h$ arrives (claim B3). And α = 0.5 does not shrink the step of reading 1: α
 # cancels (claim B2).
 #
@@ -426,8 +428,9 @@ assert halve == {1: 69, 2: 693, 3: 1, 4: 625, 5: 7} and silent.tolist() == [0, 4
 # %% [markdown]
 # ## Eq. 1 · from the empty ensemble
 #
-# Algorithm 1 starts with no networks, so $Q_0 = 0$. To the letter the *first* network
-# is one backup as well: $Q_m$ is m backups of 0, and looks m steps ahead (claim M21).
+# Algorithm 1 does not say what the first $Q_{m-1}$ is (claim M21). If it is Eq. 1's
+# empty sum, then $Q_0 = 0$, and to the letter the *first* network is one backup as
+# well: $Q_m$ is m backups of 0, and looks m steps ahead.
 #
 # > **Predict.** Four perfect boosters, from nothing, with the goal in room 0. Which
 # > action does Q prefer in room 9?
@@ -446,9 +449,9 @@ assert turned(Q) == 3 and np.allclose(Q[4:], -(1 + 0.9 + 0.81 + 0.729))
 # %% [markdown]
 # ## Summary
 #
-# To the letter a perfect booster is one Bellman backup, added once per drift. One
-# change repairs it: bootstrap with the sum that the booster is part of, and fit
-# $\alpha h$. Then one booster is enough on a table, but it is no longer boosting of a
-# fixed residual: it is DQN on top of a frozen sum.
+# To the letter a perfect booster is one Bellman backup, added once per drift. Two
+# changes repair it: bootstrap with the sum that the booster is part of, and fit
+# $\alpha h$ (or take α = 1). Then one booster is enough on a table, but it is no longer
+# boosting of a fixed residual: it is DQN on top of a frozen sum.
 #
 # [← 6](06_replay.ipynb) · [contents](README.md) · [8 →](08_theorem_1.ipynb)

@@ -64,7 +64,7 @@ show(
 # is $y = r + \gamma \max Q$, so the targets have changed too, and new residuals appear
 # one room further. Room 2 can be entered through two doors, from room 1 and from room
 # 3. That is why the second boost leaves two large residuals where one was. (The small
-# ones on the right are the old goal's promise, which sinks.)
+#    negative ones on the right: the old goal's value begins to fall.)
 #
 # So “residual” has two meanings:
 #
@@ -310,8 +310,8 @@ _ = interact(
 # | the squared *Bellman* residual falls | fails: 1 → 2γ² | T1-g |
 # | instead: the largest Bellman residual | is multiplied by at most \|1 − α\| + αγ | T1-h |
 #
-# Two smaller steps: B > 0 needs an $h$ that is not zero on the whole sample (T1-c), and
-# with random rewards the noise remains in the sum (T1-i).
+# Two smaller points: B > 0 needs an $h$ that is not zero on the whole sample (T1-c),
+# and with random rewards their noise stays in the sum, whatever $h$ is (T1-i).
 
 # %% [markdown]
 # ## Summary

@@ -85,9 +85,10 @@ assert falling == [F(m + 2, 2 * (m + 1)) ** 2 for m in range(40)]  # above ¼ fo
 # What falls and stays above 0 has a limit (claim T2-g), but the limit need not be 0.
 # Each further boost lowers E, and none lowers it below ¼ (claim T2-h).
 #
-# Either of two conditions helps. The steps sum to infinity (claim B11). Or E falls by a
-# **fixed part**, $E_m \le (1-c) E_{m-1}$ with one c > 0, because $(1-c)^m$ tends to 0.
-# With α = 1 this room keeps γ² = ¼ of its error, so c = ¾.
+# Either of two conditions is enough. Fits are exact on every pair, and steps of at most
+# 1 sum to infinity (claim B11). Or E falls by a **fixed part**, $E_m \le (1-c) E_{m-1}$
+# with one c > 0, because $(1-c)^m$ tends to 0. With α = 1 this room keeps γ² = ¼ of its
+# error, so c = ¾.
 
 # %%
 Q, fixed_part = row(2), []
@@ -154,8 +155,8 @@ assert (stuck.residual(row(19, 21)) == 0).all()
 # $$\nabla E_\mu = 2\,(\gamma P_\pi - I)^{\top} D\, g, \qquad
 #   \text{but with a frozen target:} \quad -2 D g$$
 #
-# Only the second one points along the weighted residual (claim T2-b). It is the
-# **semi-gradient**. We check the first one by nudging Q.
+# Only for the second one is downhill, $2 D g$, the weighted residual (claim T2-b). It
+# is the **semi-gradient**. We check the first one by nudging Q.
 
 # %%
 nudge, slopes = F(1, 100), []
@@ -186,9 +187,10 @@ show(
 #
 # A kinder reading of the sketch chooses $h$ and α together, to minimise E. With every
 # pair in the data, $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q), but to know
-# this $h$ is to have solved the MDP. The direction $(I - \gamma P_\pi)^{-1} g$ always
-# lowers E, but it needs the transition probabilities (claim T2-o). The residual does
-# descend when a fixed policy is evaluated under its stationary weights (claim T2-p).
+# this $h$ is to have solved the MDP. A small step along $(I - \gamma P_\pi)^{-1} g$
+# always lowers E, but it needs the transition probabilities (claim T2-o). The residual
+# does descend when a fixed policy is evaluated under its stationary weights (claim
+# T2-p).
 #
 # ## Where the data do not look
 #
@@ -255,7 +257,9 @@ print(f"γ = 0.99: with E = 1, Q may be off by {off_by(1, 1, 0.99):.0f}")
 # ## What holds instead
 #
 # Let every pair be in the data, let each fit be exact, and let α = 1. Then
-# $\|g_m\|_\infty \le \gamma^m \|g_0\|_\infty$ by the contraction, and so (claim T2-f)
+# $\|g_m\|_\infty \le \gamma^m \|g_0\|_\infty$ by the contraction. The weights sum to 1,
+# so $E_m \le \|g_m\|_\infty^2$ and $\min\mu\, \|g_0\|_\infty^2 \le E_0$. Together
+# (claim T2-f):
 #
 # $$E_\mu(Q_m) \le \gamma^{2m}\, \frac{E_\mu(Q_0)}{\min \mu}$$
 #
@@ -286,7 +290,7 @@ show(
 # |---|---|---|
 # | E falls at each boost, so it ends at 0 | fails: it may stop anywhere | T2-a, T2-h |
 # | the residual is downhill | only with a frozen target | T2-b, T2-c, T2-d |
-# | learners dense in $L_2(\mu)$ suffice | fails: they diverge off the data | T2-e |
+# | learners dense in $L_2(\mu)$ suffice | fails: what they do off the data makes E grow on it | T2-e |
 # | instead: exact fits on every pair | $E_m \le \gamma^{2m} E_0/\min\mu$ | T2-f |
 
 # %% [markdown]

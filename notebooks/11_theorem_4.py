@@ -4,7 +4,7 @@
 # You will be able to say why a bound on the change of Q is not yet stability, and how
 # good every fit must be for boosting to end near the new Q*.
 #
-# *Time: 17 minutes. Needs: notebooks 8, 9; the triangle inequality and geometric
+# *Time: 18 minutes. Needs: notebooks 8, 9; the triangle inequality and geometric
 # sequences. With the paper open: Theorem 4 and its proof.*
 #
 # **How to read this with the paper open.** The theorem has two parts. In part 1, ask
@@ -100,9 +100,10 @@ assert moves(np.array([1.0, 1000.0]), 0, 1.0).tolist() == [1, 1000]
 # and with its own. Case A takes the first, case B the second.
 #
 # > **Predict.** One room, two doors, γ = 0.9. After the drift all rewards are 0, so Q*
-# > = (0, 0). Only the first door is in the data, and every fit is exact there. **A**: Q
-# > = (1, 2), and boosters are multiples of (1, 2). **B**: Q = (0, 10), and boosters are
-# > multiples of (1, 0). Where does the first door's Q end in each case?
+# > = (0, 0). Only the first door is in the data, and every fit is exact there. **A**,
+# > from notebook 9: Q = (1, 2), and boosters are multiples of (1, 2). **B**: Q = (0,
+# > 10), and boosters are multiples of (1, 0). Where does the first door's Q end in each
+# > case?
 
 # %% tags=["predicted"]
 new, Q, case_a = loops(0, 0, gamma=F(9, 10)), row(1, 2), []
@@ -142,8 +143,11 @@ assert case_b.tolist() == [[9, 10]] and errors == [81, 0]
 # $$e_m \le (1 - \alpha(1-\gamma))\, e_{m-1} + \alpha\varepsilon
 #   \quad\Longrightarrow\quad \limsup_m e_m \le \frac{\varepsilon}{1-\gamma}$$
 #
-# The step α has cancelled: small steps do not make up for fits that keep missing (claim
-# B12). It may change from boost to boost, as long as the steps sum to infinity.
+# At rest both sides are equal, $e = (1 - \alpha(1-\gamma))\,e + \alpha\varepsilon$, so
+# $e = \varepsilon/(1-\gamma)$; a larger error shrinks towards it. ($\limsup$: the bound
+# that holds in the end.) The step α has cancelled: small steps do not make up for fits
+# that keep missing (claim B12). It may change from boost to boost, as long as the steps
+# sum to infinity.
 #
 # **Exercise 2.** Write the first inequality as code.
 
@@ -257,7 +261,7 @@ assert [boosts_needed(100, 1, a, 0.99) for a in (1, 0.1)] == [459, 4603]
 # Part 2 fails where the data miss a door that the max looks at. If every pair is fitted
 # within ε, the error ends at ε/(1 − γ) or below, for all steps up to 1 whose sum is
 # infinite. The four theorems share two lessons: a target computed from Q moves with Q,
-# and a guarantee needs every pair in the data. They do not say that GB-DQN fails. They
-# are not the reason if it works.
+# and a guarantee needs every pair in the data. None of this shows that GB-DQN fails. If
+# it works, these theorems are not the reason.
 #
 # [← 10](10_theorem_3.ipynb) · [contents](README.md) · [12 →](12_experiments.ipynb)

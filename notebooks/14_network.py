@@ -4,8 +4,8 @@
 # After this appendix you can write the network, its gradient and its optimizer in
 # NumPy, and you can check each of them without trusting anyone.
 #
-# *Time: 29 minutes. Needs: matrix products and the chain rule; no other notebook. With
-# the paper open: $h(s, a; \theta)$ in Eq. 1, and section "Ensemble Target Networks".*
+# *Time: 30 minutes. Needs: matrix products and the chain rule; no other notebook. With
+# the paper open: $h(s, a; \theta)$ in Eq. 5, and section "Ensemble Target Networks".*
 #
 # **How to read this with the paper open.** For Acrobot and for Hopper the paper
 # describes its network in one sentence, for MountainCar not at all (D13): "fully
@@ -37,7 +37,8 @@ rng = np.random.default_rng(0)
 # each action.
 #
 # A bias is the weight of an input that is always 1. So each layer $l$ needs only one
-# matrix $V_l$: the weights $W_l$ with the bias $b_l$ as one more row. For $L$ layers:
+# matrix $V_l$: the weights $W_l$ with the bias $b_l$ as one more row. For $L$ layers,
+# with $h_l$ for what enters layer l (not booster l, as elsewhere):
 #
 # $$V_l = \begin{bmatrix} W_l \\ b_l \end{bmatrix}, \qquad h_1 = [x, 1], \qquad
 # h_{l+1} = [\max(0,\, h_l V_l),\, 1], \qquad q = h_L V_L .$$
@@ -298,9 +299,10 @@ assert np.isclose(ends[1][1], ends[1000][1], atol=1e-6)
 # %% [markdown]
 # Gradient descent leaves the valley at its first step. Adam's path does not change,
 # because $m / \sqrt v$ does not. That helps DQN, where nobody knows in advance how
-# large Q will be. It costs GB-DQN something: if a booster counts only with α = 0.1, the
-# gradient is ten times smaller, Adam's steps in θ are not, and so an update moves Q ten
-# times less.
+# large Q will be. It helps GB-DQN half-way. If a booster counts with α = 0.1, its
+# gradient is ten times smaller, which Adam undoes; its output also counts ten times
+# less, which Adam cannot undo. So an update moves Q ten times less, and with plain
+# gradient descent it would be a hundred times.
 #
 # **Exercise 3.** Write Adam.
 

@@ -3,13 +3,13 @@
 import numpy as np
 from lesson import COLOUR, FROZEN, LEARNER, plt
 
-from .tones import TEAL
+from .tones import ROSE, TEAL
 
 LOOKS = {
     "keep all": (COLOUR["dqn"], "-"),
     "drop Q": (COLOUR["reset"], ":"),
     "drop data": (TEAL, "--"),
-    "drop data, store stages": (COLOUR["dqn-reuse"], "-."),
+    "drop data, store stages": (ROSE, "-."),
 }
 
 
