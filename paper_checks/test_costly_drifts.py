@@ -136,8 +136,8 @@ def test_beside_stored_networks():
     """GB-DQN-reuse's lead over the better of its twins, told of the drifts and detecting them."""
     told = parts("both, over stored networks")
     detecting = parts("detecting: both, over stored networks")
-    assert shown_on(told) == {"acrobot", "mountaincar"} and conclude.side(told["cartpole"]) == -1
-    assert shown_on(detecting) == {"mountaincar"}
+    assert shown_on(told) == {"acrobot", "mountaincar"} and shown_on(detecting) == {"mountaincar"}
+    assert conclude.side(told["cartpole"]) == conclude.side(detecting["cartpole"]) == -1
     shows("{}; detecting them {}", said(told), said(detecting))
 
 
@@ -197,8 +197,9 @@ def test_control_where_dropping_the_data_costs_it_fails():
 
 @claim("X33")
 def test_the_policy_is_cured_before_the_value():
+    """On two tasks; on CartPole it is open."""
     found = rows("P2")
-    assert {verdict for *_, verdict in found} == {"fails"}
+    assert [verdict for *_, verdict in found] == ["fails", "fails", "open"]
     pairs = [
         (inf if back is None else back, inf if calm is None else calm)
         for task, *_ in found
@@ -220,7 +221,7 @@ def test_the_policy_is_cured_before_the_value():
 @control("X33")
 def test_control_with_the_two_recoveries_exchanged_it_holds():
     exchanged = marks("P2", lambda _, row: row | {"recovery": row["calm"], "calm": row["recovery"]})
-    assert "fails" not in exchanged and "holds" in exchanged
+    assert exchanged == {"holds", "open"}
 
 
 @claim("X34")

@@ -50,6 +50,7 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
     ],
     "you cannot tell": [
         ("detect, drop the data, against being told", "dqn-detected", "dqn-drop", "detected"),
+        ("detect, drop, store", "twin", "dqn-detected", "detected"),
         ("detect, drop, store, add a booster", "reuse", "dqn-detected", "detected"),
         ("the same, against dropping when told", "reuse", "dqn-drop", "detected"),
         ("the same, on the held-out schedule", "reuse", "dqn-drop", "held-out"),
@@ -89,7 +90,8 @@ def parts(study, env):
         "both, over the same": ("reuse-told", "dqn-drop"),
         "both, over stored networks": ("reuse-told", stores),
         "both, over a booster": ("reuse-told", "gb-drop"),
-        "detecting: both, over DQN that drops its data": ("reuse", "dqn-detected"),
+        "detecting: stored networks, over DQN that drops its data": (detects, "dqn-detected"),
+        "detecting: both, over the same": ("reuse", "dqn-detected"),
         "detecting: both, over stored networks": ("reuse", detects),
     }
     return {what: study.complete(env, *pair) for what, pair in pairs.items()}
