@@ -75,7 +75,7 @@ def _answer(run: Callable[[], int | None]) -> tuple[int, list[str]]:
     except (UsageError, OSError) as e:
         return 2, [str(e)]
     except MemoryError as e:
-        return 2, [f"not enough memory ({e}); choose a smaller capacity with --set"]
+        return 2, [f"not enough memory ({e}); make capacity, batch_size or hidden smaller"]
     except DivergenceError as e:
         return 3, [str(e)]
     except KeyboardInterrupt:

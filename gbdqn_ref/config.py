@@ -165,7 +165,7 @@ class Config:
     keep_data: Annotated[float | None, own_or(FRACTION)] = None
     """Share of the older data, its newest part, that is kept at a drift or reset (D22)."""
     keep_adam: Annotated[bool | None, own_or(YES_OR_NO)] = None
-    """Keep Adam's moments at a drift or reset; a new network has new moments (D22)."""
+    """Keep Adam's moments at a drift or reset; a new booster has new ones (D22)."""
     lr_factor: Annotated[float, POSITIVE] = 1.0
     """Factor on lr from the first drift or reset on (D22)."""
     epsilon_restart: Annotated[float, FRACTION] = 0.0
@@ -186,7 +186,10 @@ class Config:
 
     def __post_init__(self) -> None:
         for name, (kinds, rule) in SETTINGS.items():
-            value = _plain(getattr(self, name), kinds)
+            try:
+                value = _plain(getattr(self, name), kinds)
+            except RecursionError as e:
+                raise UsageError(f"{name} must be {rule.words}, not lists in lists in lists") from e
             if type(value) not in kinds or not rule.holds(value):
                 raise UsageError(f"{name} must be {rule.words}, not {short(value)}")
             object.__setattr__(self, name, value)

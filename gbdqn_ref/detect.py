@@ -32,8 +32,9 @@ class Chart:
 
     The reference is the mean μ and the standard deviation σ of x. The first 30 values, in which
     an agent learns or relearns, are passed over; the next 30 make a reference; then the weights are
-    exponential. z is cut off at 3, so a single value raises no alarm and barely moves the
-    reference. Falls are not cut off, so the reference follows an agent that learns.
+    exponential. z is cut off at 3, so a single value barely moves the reference, and raises no
+    alarm at levels of 3 and above. Falls are not cut off, so the reference follows an agent that
+    learns.
 
     >>> chart = Chart(level=5.0)
     >>> calm = [chart.update(x=float(k % 2), at=k) for k in range(71)]

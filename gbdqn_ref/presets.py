@@ -279,7 +279,7 @@ def source(env: str, preset: str, name: str, value: object) -> str:
     >>> source("acrobot", "fast", "lr", 1e-3), source("acrobot", "fast", "episodes", 250)
     ('paper', 'ours (D14)')
     """
-    given = GIVEN[env] | {"alpha": 0.1}  # η_boost, the default of every agent in the paper
+    given = GIVEN[env]
     if name in given and given[name] == value:
         return "paper"
     changed = PRESETS[preset][env].get(name) != PAPER[env].get(name)

@@ -14,9 +14,10 @@ class ReuseGBDQN(GBDQN):
     """GB-DQN whose stages Q_1, …, Q_m compete when the physics change.
 
     The current Q is frozen and put on a shelf. Each of the last three stages on it plays one
-    episode; the best continues, with a new booster on top. They compete again after 50 episodes if
-    the mean return is then below the midpoint between the worst return and the mean before the
-    change. With a warm start this is DQN that stores and reuses its networks.
+    episode; the best continues, with a new booster on top. From the 50th episode after the change
+    on they compete again whenever the mean return is below the midpoint between the worst return
+    and the mean before the change. With a warm start this is DQN that stores and reuses its
+    networks.
 
     A learner begins on probation where the stage that it started from still does well, above that
     midpoint: the two play in turn until the learner's last five returns are at least as good.

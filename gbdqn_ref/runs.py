@@ -19,7 +19,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from . import UsageError, checkpoint, drift, plots, provenance, stats
+from . import DivergenceError, UsageError, checkpoint, drift, plots, provenance, stats
 from .agents import AGENTS, OWN
 from .config import Config
 from .files import (
@@ -114,8 +114,11 @@ def _complete(config: Config, out: Path, resume: bool, quiet: bool, accept: bool
     if changed:
         _record_change(config, first, out)
     if first < config.episodes:
-        _write_episodes(config, agent, first, out, quiet)
-        agent = agent.finish()
+        try:
+            _write_episodes(config, agent, first, out, quiet)
+            agent = agent.finish()
+        except FloatingPointError as e:
+            raise DivergenceError(f"training diverged at its end: {e}") from e
         checkpoint.save(out / "checkpoint.npz", agent, config.episodes)
     summary = summarise(config, agent, read_episodes(out), random_return(config))
     write_json(out / "summary.json", summary)

@@ -253,8 +253,9 @@ def _bar(configs: Mapping[str, Config], out: Path, quiet: bool) -> Iterator[Call
     ) as bar:
 
         def show() -> None:
-            bar.n = _episodes(tables)
-            bar.refresh()
+            if not bar.disable:
+                bar.n = _episodes(tables)
+                bar.refresh()
 
         yield show
 

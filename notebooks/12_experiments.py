@@ -222,7 +222,7 @@ for agent in returns:
 
 # %% tags=["predicted"]
 greedy = {
-    agent: np.array([run["evaluation"] for run in records.runs("cartpole", agent)])
+    agent: np.array([run["evaluation"] for run in records.runs_of("cartpole", agent)])
     for agent in returns
 }
 show(
@@ -517,7 +517,7 @@ assert high < 0
 # %% tags=["checks"]
 import re
 
-counted = [list(map(int, re.findall(r"\d+", title))) for title in rides]
+counted = [list(map(int, re.findall(r"\d+", title))) for title, _ in rides]
 arrived, cars, steps = zip(*counted, strict=True)  # of Q₁, Q₂ and DQN
 if not FAST:  # or three cars ride
     assert cars[0] / 2 < arrived[0] < arrived[1] < arrived[2]

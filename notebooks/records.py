@@ -8,13 +8,12 @@ from lesson import FAST, ROOT
 sys.path.insert(0, str(ROOT / "paper_checks"))  # the paper's tables, our stored runs
 import curves
 from paper import TABLES
-from reruns import INGREDIENTS, READINGS, STUDIES, stored
+from reruns import INGREDIENTS, READINGS, STUDIES, final, label, paired, runs_of
 
 from gbdqn_ref import drift, stats, watch
 from gbdqn_ref.nn import MLP
-from gbdqn_ref.schedule import LABELS
 
-__all__ = ["INGREDIENTS", "READINGS", "STUDIES", "TABLES", "curves", "stored"]
+__all__ = ["INGREDIENTS", "READINGS", "STUDIES", "TABLES", "curves", "label"]
 
 NET = MLP((2, 128, 128, 3))
 KEPT = dict(np.load(curves.PLANE, allow_pickle=False))
@@ -59,8 +58,8 @@ def maps():
 
 
 def rides():
-    """{how many arrive: the ride of median length} in the heavier world, for all."""
-    return dict(ride(q) for q, _ in MAPS.values())
+    """(how many arrive, the ride of median length) in the heavier world, for each."""
+    return [ride(q) for q, _ in MAPS.values()]
 
 
 def ride(q, count=3 if FAST else 21):
@@ -92,25 +91,6 @@ def balance(controller, change, episodes=3 if FAST else 20):
 # Studies
 
 
-def runs(study, agent):
-    """The summaries of an agent's runs, one for each seed."""
-    return [run for run in stored(study)["runs"] if run["agent"] == agent]
-
-
-def final(study):
-    """{agent: final returns (seeds,)}, each the mean of 50 episodes (D12)."""
-    return {
-        agent: np.array([run["final_return"] for run in runs(study, agent)])
-        for agent in stored(study)["agents"]
-    }
-
-
-def paired(study, added, without):
-    """(IQM, low, high) of final returns minus another agent's on the same seeds."""
-    ours = final(study)
-    return stats.paired_difference(ours[added], ours[without], np.random.default_rng(0))
-
-
 def against_dqn(study):
     """{agent: (differences per seed, their IQM, low, high)} of final returns."""
     ours = final(study)
@@ -124,7 +104,7 @@ def against_dqn(study):
 def measures(adaptation, returns, agent, k):
     """Medians of drop, recovery and area at drift k, over the runs that could lose."""
     found = []
-    for run, row in zip(runs("cartpole", agent), returns[agent], strict=True):
+    for run, row in zip(runs_of("cartpole", agent), returns[agent], strict=True):
         regime, chance = run["regimes"][k], run["random_return"]
         if regime["area"] is not None:
             start, length = regime["first_episode"], regime["episodes"]
@@ -136,12 +116,6 @@ def measures(adaptation, returns, agent, k):
     text = f"drop {np.median(drops):+6.2f}, recovery {recovery:>5}"
     text += f", area {np.median(areas):5.2f}"
     return f"{text} ({len(found)} seeds)"
-
-
-def label(study):
-    """The name of a study: its environment, and its preset if it is ours."""
-    env, preset = STUDIES[study]
-    return LABELS[env] + (f", {preset}" if preset != "paper" else "")
 
 
 def p_value(a, b, count=5, draws=200_000):

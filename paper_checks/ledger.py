@@ -74,6 +74,8 @@ NOTEBOOKS = {
 GROUPS = ("M", "R", "W", "P", "A", "T1", "B", "T2", "T3", "T4", "C", "X", "K")
 KINDS = ("claim", "proof", "control")  # of a check
 GLYPHS = {"1/2": "½", "1/4": "¼", "3/4": "¾"}
+LETTERS = "".join(group for group in GROUPS if len(group) == 1)
+ID = re.compile(rf"\b(?:T\d-[a-z]|[{LETTERS}]\d+)\b")
 CHECKS = {}  # (id, kind, file, test): Check, filled by the marks
 FIGURES = {}  # id: {test: figure} of the tests that ran
 current = None  # the test that runs, set by conftest
@@ -239,7 +241,7 @@ def cited(text):
     cells = re.split(r"^(?:# )?%%", text, flags=re.M)
     prose = " ".join(cell for cell in cells if cell.startswith(" [markdown]"))
     prose = re.sub(r"`[^`]*`|\$[^$]*\$", "", prose)
-    return set(re.findall(r"\b[MRWPABCXK]\d+\b|\bT\d-[a-z]\b", prose))
+    return set(ID.findall(prose))
 
 
 CITED = {name: cited(text) for name, text in NOTEBOOKS.items()}

@@ -95,6 +95,35 @@ def page():
     )
 
 
+# What is stored
+
+
+def runs_of(study, agent):
+    """The summaries of an agent's runs, in the order of their seeds."""
+    return [run for run in stored(study)["runs"] if run["agent"] == agent]
+
+
+def final(study):
+    """{agent: final returns (seeds,)}, each the mean of 50 episodes (D12)."""
+    results = stored(study)
+    return {
+        agent: np.array([run["final_return"] for run in results["runs"] if run["agent"] == agent])
+        for agent in results["agents"]
+    }
+
+
+def paired(study, added, without):
+    """(IQM, low, high) of an agent's final returns minus another's on the same seeds."""
+    ends = final(study)
+    return paired_difference(ends[added], ends[without], np.random.default_rng(0))
+
+
+def label(study):
+    """The name of a study: its environment, and its preset if it is ours."""
+    env, preset = STUDIES[study]
+    return LABELS[env] + (f", {preset}" if preset != "paper" else "")
+
+
 # The tables
 
 
@@ -105,34 +134,28 @@ def section(name):
     if name.endswith("-readings"):
         return readings(name.removesuffix("-readings"))
     paper = TABLES[PRINTED[name]] if name in PRINTED else {}
-    return table(stored(name), {agent: paper[NAMES[agent]] for agent in NAMES if paper})
+    return table(name, {agent: paper[NAMES[agent]] for agent in NAMES if paper})
 
 
-def table(results, printed):
+def table(study, printed):
     """A row per method: final return, and what its runs say of each drift; the paper printed
     {agent: (mean, std)}.
     """
-    runs, final = _by_agent(results)
     rows = []
-    for agent in runs:
+    for agent, ends in final(study).items():
         paper = "{:.2f} ± {:.2f}".format(*printed[agent]) if agent in printed else "–"
-        difference = _difference(final[agent], final["dqn"]) if agent != "dqn" else "0"
-        rows.append(
-            [AGENTS[agent].label, paper, *_final(final[agent]), difference, *_drifts(runs[agent])]
-        )
+        difference = gain(study, agent, "dqn") if agent != "dqn" else "0"
+        drifts = _drifts(runs_of(study, agent))
+        rows.append([AGENTS[agent].label, paper, *_final(ends), difference, *drifts])
     return _markdown(["", "paper", *MEASURED, "minus DQN's, paired [95 %]", *LATER], rows)
 
 
 def ingredients():
     """A row per study: the final return that GB-DQN's replay and its boosting bring, paired."""
     rows = []
-    for study, (env, preset) in STUDIES.items():
-        results = stored(study)
-        _, final = _by_agent(results)
-        pairs = [
-            _difference(final[added], final[without]) for added, without in INGREDIENTS.values()
-        ]
-        rows.append([_label(env, preset), str(len(results["seeds"])), *pairs])
+    for study in STUDIES:
+        pairs = [gain(study, *pair) for pair in INGREDIENTS.values()]
+        rows.append([label(study), str(len(stored(study)["seeds"])), *pairs])
     return _markdown(["", "seeds", *INGREDIENTS], rows)
 
 
@@ -140,20 +163,18 @@ def readings(study):
     """A row per reading of GB-DQN, against the first one on the same seeds."""
     rows, own = [], None
     for name, changes in READINGS[study].items():
-        results = stored(f"{study}-{name}" if name else study)
-        runs, final = (each["gbdqn"] for each in _by_agent(results))
-        own = final if own is None else own
-        setting = results["settings"] | changes
+        variant = f"{study}-{name}" if name else study
+        ends = final(variant)["gbdqn"]
+        own = ends if own is None else own
+        setting = stored(variant)["settings"] | changes
         alpha = "the α of Eq. 8" if setting["alpha"] == "closed-form" else f"α = {setting['alpha']}"
-        label = (
-            f"{setting['target']} target, {'h' if setting['loss_on'] == 'h' else 'α h'} fitted,"
-            f" {alpha}"
-        )
+        fitted = "h" if setting["loss_on"] == "h" else "α h"
+        words = f"{setting['target']} target, {fitted} fitted, {alpha}"
         if "schedule" in changes:
-            label += "; a drift that changes nothing" if changes["schedule"] else "; no drift"
-        rows.append(
-            [label, *_final(final), _difference(final, own) if rows else "0", *_drifts(runs)]
-        )
+            words += "; a drift that changes nothing" if changes["schedule"] else "; no drift"
+        difference = _difference(ends, own) if rows else "0"
+        drifts = _drifts(runs_of(variant, "gbdqn"))
+        rows.append([words, *_final(ends), difference, *drifts])
     return _markdown(["", *MEASURED, "minus the first row's, paired [95 %]", *LATER], rows)
 
 
@@ -162,16 +183,14 @@ def readings(study):
 
 def gain(study, added, without):
     """What one agent ends above another by: the IQM of paired differences, and its interval."""
-    final = _by_agent(stored(study))[1]
-    return _difference(final[added], final[without])
+    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*paired(study, added, without))
 
 
 def differing(study):
     """(texts of the agents whose interval of differences to DQN leaves 0 out, the others)."""
-    final = _by_agent(stored(study))[1]
     differ, others = [], []
-    for agent in final.keys() - {"dqn"}:
-        _, low, high = _interval(final[agent], final["dqn"])
+    for agent in final(study).keys() - {"dqn"}:
+        _, low, high = paired(study, agent, "dqn")
         side = "above" if low > 0 else "below"
         found = f"{AGENTS[agent].label} ({side}, {gain(study, agent, 'dqn')})"
         (others if low <= 0 <= high else differ).append((list(AGENTS).index(agent), found, agent))
@@ -185,15 +204,13 @@ def effects(ingredient, sign):
     of three seeds are left out.
     """
     found = []
-    for study, (env, preset) in STUDIES.items():
-        results = stored(study)
-        final = _by_agent(results)[1]
-        for name, (added, without) in INGREDIENTS.items():
-            _, low, high = _interval(final[added], final[without])
+    for study in STUDIES:
+        for name, pair in INGREDIENTS.items():
+            _, low, high = paired(study, *pair)
             outside = low > 0 if sign > 0 else high < 0
-            if name.startswith(ingredient) and outside and len(results["seeds"]) > 3:
+            if name.startswith(ingredient) and outside and len(stored(study)["seeds"]) > 3:
                 company = name.split(", ")[1]
-                found.append(f"{_label(env, preset)} ({company}, {gain(study, added, without)})")
+                found.append(f"{label(study)} ({company}, {gain(study, *pair)})")
     return "; ".join(found) or "none of them"
 
 
@@ -201,8 +218,7 @@ def correlation():
     """Mean correlation, over the seeds, of the final returns of two learning agents of a study."""
     found = []
     for study in STUDIES:
-        final = _by_agent(stored(study))[1]
-        learners = [final[agent] for agent in final if agent != "random" and np.ptp(final[agent])]
+        learners = [x for agent, x in final(study).items() if agent != "random" and np.ptp(x)]
         pairs = [(x, y) for x, y in combinations(learners, 2) if (x != y).any()]
         found += [np.corrcoef(x, y)[0, 1] for x, y in pairs]
     return f"{np.mean(found):.2f} ({len(found)} pairs of methods)"
@@ -222,18 +238,18 @@ def missed():
 
 def recoveries(study, agent):
     """Median recoveries, as in its table."""
-    return _drifts(_by_agent(stored(study))[0][agent])[1]
+    return _drifts(runs_of(study, agent))[1]
 
 
 def transitions(study, agent):
     """The transitions of an agent's runs, (seeds,)."""
-    return np.array([run["steps"] for run in _by_agent(stored(study))[0][agent]])
+    return np.array([run["steps"] for run in runs_of(study, agent)])
 
 
 def reading(study, name=""):
     """A reading's difference to the first one of its table."""
     names = [f"{study}-{each}" if each else study for each in (name, next(iter(READINGS[study])))]
-    return _difference(*(_by_agent(stored(each))[1]["gbdqn"] for each in names))
+    return _difference(*(final(each)["gbdqn"] for each in names))
 
 
 def scheduled(study):
@@ -249,19 +265,18 @@ def scheduled(study):
 
 def worse(study, agent, other):
     """On how many of the seeds an agent ends below another."""
-    final = _by_agent(stored(study))[1]
-    return f"{(final[agent] < final[other]).sum()} of {len(final[agent])}"
+    ends = final(study)
+    return f"{(ends[agent] < ends[other]).sum()} of {len(ends[agent])}"
 
 
 def wider(study, agent):
     """How many times our std the paper's is."""
-    final = _by_agent(stored(study))[1]
-    return f"{TABLES[PRINTED[study]][NAMES[agent]][1] / mean_std(final[agent])[1]:.0f}"
+    return f"{TABLES[PRINTED[study]][NAMES[agent]][1] / mean_std(final(study)[agent])[1]:.0f}"
 
 
 FIGURES = {  # name in text.md: what gives it
     "table": lambda name: f"<!-- {name} -->\n\n{section(name)}\n<!-- end of {name} -->",
-    "iqm": lambda study, agent: f"{iqm(_by_agent(stored(study))[1][agent]):.1f}",
+    "iqm": lambda study, agent: f"{iqm(final(study)[agent]):.1f}",
     "gain": gain,
     "differs": lambda study: ", ".join(differing(study)[0]),
     "alike": lambda study: ", ".join(differing(study)[1]),
@@ -299,32 +314,14 @@ def _markdown(columns, rows):
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
 
-def _by_agent(results):
-    """{agent: its runs}, {agent: their final returns (seeds,)}."""
-    runs = {
-        agent: [run for run in results["runs"] if run["agent"] == agent]
-        for agent in results["agents"]
-    }
-    return runs, {
-        agent: np.array([run["final_return"] for run in rows]) for agent, rows in runs.items()
-    }
+def _final(ends):
+    low, high = bootstrap_interval(ends, np.random.default_rng(0))
+    return ["{:.1f} ± {:.1f}".format(*mean_std(ends)), f"{iqm(ends):.1f} [{low:.1f}, {high:.1f}]"]
 
 
-def _final(final):
-    low, high = bootstrap_interval(final, np.random.default_rng(0))
-    return ["{:.1f} ± {:.1f}".format(*mean_std(final)), f"{iqm(final):.1f} [{low:.1f}, {high:.1f}]"]
-
-
-def _label(env, preset):
-    return LABELS[env] + (f", {preset}" if preset != "paper" else "")
-
-
-def _interval(final, other):
-    return paired_difference(final, other, np.random.default_rng(0))
-
-
-def _difference(final, other):
-    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*_interval(final, other))
+def _difference(ends, other):
+    found = paired_difference(ends, other, np.random.default_rng(0))
+    return "{:+.1f} [{:+.1f}, {:+.1f}]".format(*found)
 
 
 def _drifts(rows):

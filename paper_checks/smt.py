@@ -2,8 +2,8 @@
 
 An arbitrary MDP is one whose P, r, γ are unknowns. The solver is asked for values that break a
 statement. If there are none, the statement is proved, for every MDP of that size; if there are, it
-returns them. The package's own functions run on unknowns as they do on numbers, so what is proved
-is proved of the code.
+returns them. The package's own functions run on unknowns as they do on numbers. Where a test calls
+one, what is proved is proved of the code; elsewhere of the formula that the test writes down.
 """
 
 from fractions import Fraction

@@ -548,16 +548,11 @@ def test_control_with_the_longest_episodes_it_holds_one_regime():
 # What the text says of recovery, drops, consistency and rewards
 
 
-def stored_runs(study, agent):
-    """An agent's stored runs, in the order of their seeds."""
-    return [run for run in reruns.stored(study)["runs"] if run["agent"] == agent]
-
-
 def drops(agent):
     """Mean drop over the three drifts of our Acrobot that are no reset, one per seed."""
     return [
         np.mean([regime["drop"] for regime in run["regimes"] if regime["event"] == "drift"])
-        for run in stored_runs("acrobot", agent)
+        for run in reruns.runs_of("acrobot", agent)
     ]
 
 
@@ -568,7 +563,7 @@ def drop_difference(agent, other):
 
 def slowest(agent):
     """The longest median recovery of those drifts, in episodes."""
-    regimes = zip(*(run["regimes"][1:4] for run in stored_runs("acrobot", agent)), strict=True)
+    regimes = zip(*(run["regimes"][1:4] for run in reruns.runs_of("acrobot", agent)), strict=True)
     return max(np.median([each["recovery"] or np.inf for each in row]) for row in regimes)
 
 
@@ -601,18 +596,12 @@ def test_control_with_runs_in_another_order_the_drop_from_reset_stays():
     assert drop_difference("dqn", "dqn") == (0, 0, 0)
 
 
-def brought(study, added, without):
-    """(IQM, low, high) of the paired difference in final return."""
-    first, second = (
-        [run["final_return"] for run in stored_runs(study, agent)] for agent in (added, without)
-    )
-    return paired_difference(first, second, np.random.default_rng(0))
-
-
 @claim("X17")
 def test_beside_its_own_replay_boosting_brings_nothing_detectable():
     """The control that the tables lack: DQN with GB-DQN's replay, in our reruns."""
-    found = [brought(env, "gbdqn", "dqn-recency") for env in ("acrobot", "mountaincar", "hopper")]
+    found = [
+        reruns.paired(env, "gbdqn", "dqn-recency") for env in ("acrobot", "mountaincar", "hopper")
+    ]
     assert all(low < 0 for _, low, _ in found)
     middles, lows, highs = zip(*found, strict=True)
     shows(
@@ -628,7 +617,7 @@ def test_beside_its_own_replay_boosting_brings_nothing_detectable():
 def test_control_a_gain_of_one_span_would_be_seen():
     """From the random policy to DQN, every interval lies above 0."""
     for env in ("acrobot", "mountaincar", "hopper"):
-        assert brought(env, "dqn", "random")[1] > 0
+        assert reruns.paired(env, "dqn", "random")[1] > 0
 
 
 def td_errors(rewards):

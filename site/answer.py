@@ -22,19 +22,17 @@ def clear(difference, low, high):
     (2.0, -0.5, 0.0)
     """
     half = difference - low if difference > 0 else high - difference
-    return difference / half if difference else 0.0
+    return difference / max(half, 1e-9)
 
 
 def effects():
     """{study: {ingredient: clear difference}} of the studies of five seeds or more."""
     found = {}
-    for study, (env, preset) in reruns.STUDIES.items():
-        results = reruns.stored(study)
-        final = reruns._by_agent(results)[1]
-        if len(results["seeds"]) > 3:
-            found[reruns._label(env, preset)] = {
-                name: clear(*reruns._interval(final[added], final[without]))
-                for name, (added, without) in reruns.INGREDIENTS.items()
+    for study in reruns.STUDIES:
+        if len(reruns.stored(study)["seeds"]) > 3:
+            found[reruns.label(study)] = {
+                name: clear(*reruns.paired(study, *pair))
+                for name, pair in reruns.INGREDIENTS.items()
             }
     return found
 

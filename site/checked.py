@@ -106,7 +106,7 @@ def citing():
     """{id: links to the notebooks that cite the claim, each with its first section that does}."""
     found = {}
     for stem, heading, text in headed():
-        for id in set(re.findall(r"\b[MRWPABCXK]\d+\b|\bT\d-[a-z]\b", text)) & set(ledger.CLAIMS):
+        for id in set(ledger.ID.findall(text)) & set(ledger.CLAIMS):
             found.setdefault(id, {}).setdefault(stem, treated(stem, heading))
     return {id: list(links.values()) for id, links in found.items()}
 
@@ -131,20 +131,21 @@ def plain(heading):
 
 def equation(name):
     """An equation or theorem: the formula, what computes it, and its claims."""
-    place, here = ledger.PLACES[name], [row for row in rows() if name in _marks(row["place"])]
+    place, here = (
+        ledger.PLACES[name],
+        [row for row in rows() if name in ledger.markers(row["place"])],
+    )
     text = f"({anchor(place)})=\n## {place}: {EQUATIONS[name]['title']}\n\n"
     if formula := EQUATIONS[name].get("formula"):
         text += f"$$\n{formula}\n$$\n\n"
     uses = dict.fromkeys(f"`{each}`" for row in here for each in row.get("uses", []))
-    course = {stem: treated(stem, title) for stem, title, _ in headed() if name in _marks(title)}
+    course = {
+        stem: treated(stem, title) for stem, title, _ in headed() if name in ledger.markers(title)
+    }
     text += f"- Functions: {', '.join(uses)}\n"
     text += f"- The course: {', '.join(course.values())}\n" if course else ""
     text += "- Claims: " + ", ".join(f"{row['id']} {badge(row['verdict'])}" for row in here)
     return text + "\n\n"
-
-
-def _marks(text):
-    return ledger.markers(text)
 
 
 def anchor(place):

@@ -17,7 +17,7 @@ from pygments.lexers import PythonLexer
 from sphinx.util.nodes import make_refnode
 
 NAMES = re.compile(
-    r"\b(?P<claim>T[1-4]-[a-z]|[MRWPABCXK]\d{1,2})\b"
+    rf"(?P<claim>{checked.ledger.ID.pattern})"
     r"|\b(?P<deviation>D\d{1,2})\b"
     r"|\b(?P<place>(?:Eqs?\.|Theorems?|Algorithm)\s+\d+(?:(?:–|,\s|\sand\s)\d+)*)"
     r"|\b(?P<line>[Ll]ines?\s\d+(?:(?:–|,\s|\sand\s)\d+)*)"

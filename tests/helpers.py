@@ -4,6 +4,7 @@ import copy
 import itertools
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -20,6 +21,8 @@ from gbdqn_ref.train import Config, make_agent
 
 D, A = 4, 2  # CartPole's
 SMALL = dict(episodes=12, learning_starts=20, hidden=[8], capacity=90, window=30, batch_size=8)
+BROWSERS = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+CHROMIUM = next(filter(None, BROWSERS), None)
 PATIENCE = 120  # seconds to wait for a process; a loaded machine is slow, not broken
 
 

@@ -56,12 +56,11 @@ def test_every_setting_that_an_agent_reads_or_overrides_exists(agent):
     assert set(AGENTS[agent].reads) | set(AGENTS[agent].own) <= set(SETTINGS)
 
 
-@every_agent
+@pytest.mark.parametrize("agent", sorted(set(AGENTS) - {"random"}))
 @pytest.mark.parametrize("event", ["end", "typo", None])
 def test_an_unknown_event_is_refused(agent, event):
-    if agent != "random":
-        with pytest.raises(ValueError, match="an event is 'drift' or 'reset', not"):
-            agent_of(agent).on_drift(event)
+    with pytest.raises(ValueError, match="an event is 'drift' or 'reset', not"):
+        agent_of(agent).on_drift(event)
 
 
 @every_agent

@@ -184,6 +184,16 @@ def test_divergence_is_reported_in_one_line_with_exit_status_3(tmp_path):
     assert names(tmp_path / "run") == {"config.json", "episodes.csv"}
 
 
+def test_divergence_as_a_run_ends_is_reported_likewise(tmp_path):
+    """The last booster is added after the last episode, and its α may be too large."""
+    values = dict(target="frozen", alpha="closed-form", lr=1e-43, episodes=8, learning_starts=20)
+    values |= dict(hidden=[8], capacity=100, batch_size=8, update_every=1, gradient_steps=1)
+    values |= dict(schedule=[{"episode": 3, "length": 2}])
+    status, _, stderr = cli("train", *flags(**values), "--quiet", "--out", tmp_path / "run")
+    assert status == 3 and stderr.count("\n") == 1
+    assert stderr.startswith("gbdqn_ref: training diverged at its end: float32 cannot hold")
+
+
 def test_a_run_that_diverges_fails_and_the_others_finish(tmp_path):
     more = ["--agents", "dqn,random", "--set", "episodes=3", "--out", tmp_path / "both"]
     status, _, stderr = cli("compare", *DIVERGES, *more)

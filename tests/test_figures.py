@@ -3,7 +3,6 @@
 import itertools
 import json
 import re
-import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from helpers import CHROMIUM
 
 from gbdqn_ref import stats
 
@@ -251,17 +251,13 @@ def test_a_task_can_be_chosen_if_there_are_several(three_tasks):
 # In a browser
 
 
-def chromium():
-    return shutil.which("chromium") or shutil.which("chromium-browser")
-
-
 @pytest.fixture(scope="module")
 def browser():
     sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright")
-    if not chromium():
+    if not CHROMIUM:
         pytest.skip("needs Chromium")
     with sync_api.sync_playwright() as playwright:
-        options = dict(executable_path=chromium(), args=["--no-sandbox"])
+        options = dict(executable_path=CHROMIUM, args=["--no-sandbox"])
         browser = playwright.chromium.launch(**options)
         yield browser
         browser.close()

@@ -4,8 +4,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -213,6 +215,8 @@ WRONG = {
         ["tune", "--jobs=-1"],
         "from 1 to 1000, not '-1'",
     ),
+    "seeds to tune": (study, ["tune", "--seeds=3"], "--arms and --seeds are options of `report`"),
+    "tasks to collect": (study, ["collect", "--tasks=acrobot"], "`collect` takes all tasks"),
     "an unknown command": (study, ["reprot"], "invalid choice: 'reprot'"),
     "an unknown task": (study, ["report", "--tasks=pong"], "there is no task 'pong'"),
     "an unknown arm": (study, ["report", "--tasks=acrobot", "--arms=x"], "there is no arm 'x'"),
@@ -252,6 +256,51 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, monkeypatch, capsys, progra
     out, error = capsys.readouterr()
     assert out == "" and error.count("\n") == 1 and message in error
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"mine"]
+
+
+@pytest.mark.parametrize(
+    "line", ["shared = { lr = 4.0 }\n", "settings = 3\n", "tune = [1000, 1019]\n"]
+)
+def test_a_method_can_only_be_tuned_by_a_whole_plan(tmp_path, line):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY.replace(line, "", 1), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"tiny\.toml is damaged"):
+        Protocol(path)
+
+
+def test_a_protocol_without_methods_has_nothing_to_tune(tmp_path):
+    options = [f"--protocol={KEEP / 'hopper.toml'}", "--tasks=hopper", f"--results={tmp_path}"]
+    with pytest.raises(UsageError, match="no method to tune"):
+        study.main(["tune", *options])
+
+
+STOPPED = """
+import sys, time
+from gbdqn_ref.__main__ import program
+from workers import workers
+
+def main():
+    with workers(2) as pool:
+        futures = [pool.submit(time.sleep, 60) for _ in range(4)]
+        print("begun", flush=True)
+        [future.result() for future in futures]
+
+program(main)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_that_is_stopped_ends_its_workers(number):
+    """Ctrl-C goes to all processes of a terminal, SIGTERM to the first alone."""
+    options = dict(cwd=KEEP, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-c", STOPPED], start_new_session=True, **options)
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(0.5)
+    (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130 and error.count("\n") == 1 and "stopped" in error
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
 
 
 def test_a_folder_in_use_is_refused(tmp_path):
@@ -296,6 +345,34 @@ def test_a_run_whose_episodes_were_cut_is_not_stored(tmp_path, tiny):
 
 def test_a_run_that_learns_nothing_has_no_recovery_of_its_td_error():
     assert study.recoveries(np.full(9, np.nan), [Regime(3, 9, {}, "")]) == [None]
+
+
+def test_what_alarms_found_and_how_many_were_false():
+    """Two of three drifts are costly: the level halves at them. The last regime changes nothing."""
+    schedule = [{"episode": 100, "force": -1.0}, {"episode": 200, "reset": True}]
+    schedule += [{"episode": 300, "force": 0.5}, {"episode": 400, "force": 0.5}]
+    config = Config(env="cartpole", episodes=500, schedule=schedule)
+    assert calibrate.drifts(config) == [100, 200, 300]
+    levels = [500.0, 30.0, 500.0, 400.0, 400.0]
+    evaluations = [levels, [30.0, 500.0, 30.0, 9.0, 9.0], [500.0, 30.0, 500.0, 400.0, 400.0]]
+    evaluations += [levels[:4] + [100.0], levels]
+    near, far = calibrate.WITHIN, calibrate.FAR
+    assert calibrate.costly_drifts(config, evaluations) == [100, 200, 400]
+    for alarms, expected in {
+        (): (2, [], 0),
+        (104, 205): (2, [5, 6], 0),
+        (104, 108): (2, [5], 1),
+        (100 + near, 300): (2, [], 0),
+        (50, 100 + far, 350): (2, [], 3),
+    }.items():
+        assert calibrate.judged(config, evaluations, list(alarms)) == expected, alarms
+
+
+def test_the_delay_until_a_fall_is_found():
+    """At slack ½ and level 9, z = 3 raises an alarm in its fourth episode."""
+    calm = CALM + CALM
+    assert calibrate.delay(calm, 9.0, 100, 1.0, -50.0) == 4
+    assert calibrate.delay(calm, 9.0, 100, 0.0, -50.0) == np.inf, "nothing falls"
 
 
 def test_what_is_found_is_asked_of_agents_that_hear(tmp_path, capsys):

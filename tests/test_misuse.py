@@ -93,6 +93,7 @@ SETTINGS = {
     "a step size too large for a float": (settings("lr=" + "9" * 400), "lr must be"),
     "more digits than Python reads": (settings("episodes=" + "9" * 5000), "episodes must be"),
     "endless brackets": (settings("hidden=" + "[" * 100_000), "hidden"),
+    "brackets in brackets": (settings("hidden=" + "[" * 700 + "]" * 700), "hidden"),
     "a discount of 1": (settings("gamma=1"), "gamma must be a number in [0, 1)"),
     "a layer of width 0": (settings("hidden=[0]"), "hidden must be a list of widths"),
     "a width instead of a list": (settings("hidden=128"), "hidden must be a list"),

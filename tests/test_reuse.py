@@ -360,6 +360,19 @@ def test_without_recovery_the_stages_compete_again(later, again):
     assert len(agent.replay) == 5 * (PATIENCE + 1), "data of the current physics stay"
 
 
+def test_the_stages_compete_again_at_any_time_after_a_late_fall():
+    """After 80 good returns the mean of ten is below −150 with the sixth bad one."""
+    agent = agent_of("gbdqn-reuse", drift_signal="schedule", capacity=2000)
+    for _ in range(WINDOW):
+        play(agent, -100.0)
+    agent.on_drift("drift")
+    for total in [-200.0] * 2 + [-100.0] * 80 + [-200.0] * 5:
+        play(agent, total)
+    assert len(agent.shelf) == 1
+    play(agent, -200.0)
+    assert len(agent.shelf) == 2 and agent.on_trial
+
+
 def test_an_unrecovered_level_does_not_become_the_new_target():
     agent = agent_of("gbdqn-reuse", drift_signal="schedule", capacity=2000)
     for total in [-100.0] * WINDOW + [-200.0]:

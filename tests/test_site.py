@@ -10,7 +10,6 @@ import importlib.util
 import json
 import posixpath
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -21,6 +20,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from helpers import CHROMIUM
 
 ROOT = Path(__file__).parent.parent
 SITE = ROOT / "site"
@@ -28,9 +28,6 @@ HTML = SITE / "_build/html"
 EXTRA = ("sphinx", "furo", "myst_nb", "sphinx_copybutton", "sphinx-mathjax-offline")
 MISSING = [name for name in EXTRA if importlib.util.find_spec(name) is None]
 pytestmark = pytest.mark.skipif(bool(MISSING), reason="without the extra site: make test-site")
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
 CLAIM = re.compile(r"\b(?:T[1-4]-[a-z]|[MRWPABCXK]\d{1,2})\b")
 
 

@@ -25,15 +25,15 @@ its own span, by its stored greedy evaluation.
 
 import argparse
 from collections import ChainMap
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 from protocol import count
 from study import RESULTS, read_arrays
+from workers import workers
 
 from gbdqn_ref import UsageError, detect, files, runs, stats, train
 from gbdqn_ref.__main__ import Parser, program
@@ -242,19 +242,30 @@ def found(folder):
         raised = np.searchsorted(ends, agent.alarms).tolist()
         evaluations = [each["evaluation"] for each in records if each["evaluation"]]
         with files.undamaged(path.with_name("episodes.csv")):
-            costly = costly_drifts(config, evaluations)
-        delays, _, _ = stats.match_alarms(raised, costly, WITHIN)
-        starts = [regime.start for regime in config.regimes[1:]]
-        _, _, false = stats.match_alarms(raised, starts, FAR)
-        counts.setdefault(config.agent, []).append((len(costly), len(delays), false, delays))
+            rows = counts.setdefault(config.agent, [])
+            rows.append(judged(config, evaluations, raised))
     for agent, rows in counts.items():
-        costly, hits, false = (sum(row[i] for row in rows) for i in range(3))
-        delays = [delay for row in rows for delay in row[3]]
+        costly, false = (sum(row[i] for row in rows) for i in (0, 2))
+        delays = [delay for _, each, _ in rows for delay in each]
         median = np.median(delays) if delays else np.nan
         print(
-            f"{folder.name}, {agent}: {len(rows)} runs, {hits} of {costly} costly drifts found "
-            f"within {WITHIN} episodes, median delay {median}, {false} false alarms"
+            f"{folder.name}, {agent}: {len(rows)} runs, {len(delays)} of {costly} costly drifts "
+            f"found within {WITHIN} episodes, median delay {median}, {false} false alarms"
         )
+
+
+def judged(config, evaluations, alarms):
+    """(how many drifts were costly, delays of those that were found, false alarms) of a run."""
+    changes = drifts(config)
+    costly = [k for k in costly_drifts(config, evaluations) if k in changes]
+    delays, _, _ = stats.match_alarms(alarms, costly, WITHIN)
+    _, _, false = stats.match_alarms(alarms, changes, FAR)
+    return len(costly), delays, false
+
+
+def drifts(config):
+    """The episodes at which the physics change; a regime may begin without a change."""
+    return [b.start for a, b in pairwise(config.regimes) if a.factors != b.factors]
 
 
 def costly_drifts(config, evaluations):
@@ -280,7 +291,7 @@ def random_return(env):
 
 def keep(preset, envs, results, jobs):
     """Record twenty runs of each environment under a preset, and write its file."""
-    with files.locked(results), ProcessPoolExecutor(jobs) as pool:
+    with files.locked(results), workers(jobs) as pool:
         for env in envs:
             arrays = dict(ChainMap(*pool.map(partial(record, env, preset), range(SEEDS))))
             save = partial(np.savez_compressed, **arrays)

@@ -16,7 +16,6 @@ which lets returns decide between the old Q and the new, asks whether that loss 
 """
 
 import copy
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,6 +23,7 @@ from unittest import mock
 
 import numpy as np
 from protocol import count
+from workers import workers
 
 from gbdqn_ref import UsageError, bellman, files, stats, train
 from gbdqn_ref.__main__ import Parser, program
@@ -221,7 +221,7 @@ def main(arguments=None):
         seeds = [
             k for k in range(FIRST, FIRST + args.seeds) if not (args.out / f"{k}.json").exists()
         ]
-        with files.locked(args.out), ProcessPoolExecutor(args.jobs) as pool:
+        with files.locked(args.out), workers(args.jobs) as pool:
             list(pool.map(partial(run_seed, args.out), seeds))
     print("\n".join(table(args.out)))
 

@@ -7,6 +7,7 @@ README.md and keep.png beside them. Nothing is trained. A table has what is ther
 what is missing.
 """
 
+import io
 import re
 import sys
 from functools import partial
@@ -14,17 +15,18 @@ from itertools import pairwise, takewhile
 from math import comb
 from pathlib import Path
 
+import calibrate
 import numpy as np
-from calibrate import FAR, TARGET, WITHIN, costly_drifts, random_return
 from matplotlib.figure import Figure
 from PIL import Image
 from protocol import FILE, Protocol, runs_of
-from study import EDGE, FINAL, RESULTS, WINDOW, Store, chosen
+from study import FINAL, RESULTS, Store, chosen
 
 from gbdqn_ref import UsageError, files, plots, stats
 from gbdqn_ref.__main__ import Parser, program
 from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
+from gbdqn_ref.stats import EDGE, WINDOW
 
 TEXT = Path(__file__).with_name("conclusions.md")
 REFERENCE = {  # part of the study: the arm that the others are compared with
@@ -273,7 +275,7 @@ def arms(study, task, part):
     table, reference = [], REFERENCE[part]
     everyone = study.arms(task)
     ends = {arm: study.values(task, arm, of="final")[0] for arm in everyone}
-    lowest = random_return(study.config(task, everyone[0]).env)
+    lowest = calibrate.random_return(study.config(task, everyone[0]).env)
     bar = (lowest + max(map(stats.iqm, ends.values()))) / 2
     for arm in study.arms(task, part):
         (value,), (first,) = study.values(task, arm), study.values(task, arm, of="first")
@@ -320,7 +322,7 @@ def lost(returns, config):
         for i, regime in enumerate(config.regimes)
         for k in range(regime.start, regime.end)
     ]
-    table = stats.regime_table(records, random_return(config.env))
+    table = stats.regime_table(records, calibrate.random_return(config.env))
     known = [(row["drop"], 1 - row["area"]) for row in table if row["area"] is not None]
     return np.mean(known, axis=0).tolist() if known else None
 
@@ -342,15 +344,12 @@ def detection(study):
         config, rows = study.config(task, arm), study.rows[task, arm].values()
         if config.resolved().drift_signal != "detector":
             continue
-        drifts = [b.start for a, b in pairwise(config.regimes) if a.factors != b.factors]
-        count, delays, false = 0, [], 0
-        for row in rows:
-            costly = costly_drifts(config, row["evaluation"]) if drifts else []
-            count += len(costly)
-            delays += stats.match_alarms(row["alarms"], costly, WITHIN)[0]
-            false += stats.match_alarms(row["alarms"], drifts, FAR)[2]
-        met = len(delays) >= FOUND * count if drifts else false <= TARGET * len(rows)
-        found = f"{len(delays)} of {count}" if drifts else "–"
+        each = [calibrate.judged(config, row["evaluation"], row["alarms"]) for row in rows]
+        count, false = (sum(row[i] for row in each) for i in (0, 2))
+        delays = [delay for _, found, _ in each for delay in found]
+        changes = bool(calibrate.drifts(config))
+        met = len(delays) >= FOUND * count if changes else false <= calibrate.TARGET * len(rows)
+        found = f"{len(delays)} of {count}" if changes else "–"
         median = f"{np.median(delays):g}" if delays else "–"
         rate = f"{false / len(rows):.2f}"
         table.append([task, arm, len(rows), found, median, rate, "met" if met else "missed"])
@@ -365,7 +364,7 @@ def nulls(study):
         x = study.difference(task, arm, reference)
         if arm != reference and len(x):
             best = stats.iqm(study.values(task, reference, of="final")[0])
-            x = 100 * x / (best - random_return(study.config(task, reference).env))
+            x = 100 * x / (best - calibrate.random_return(study.config(task, reference).env))
             small = interval(x)[0] > -COSTS
             table.append([task, arm, len(x), words(x), "yes" if small else "not shown"])
     return [
@@ -614,12 +613,14 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     study = stored(args.results, args.protocol)
     text = page(study, args.results).encode()
-    files.write_atomically(args.results / "README.md", lambda file: file.write(text))
     if drawn(study):
-        path = args.results / "keep.png"
-        plots.save(picture(study), path)
-        few = Image.open(path).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        files.write_atomically(path, partial(few.save, format="png", optimize=True))
+        drawing = io.BytesIO()
+        with plots.plain():
+            picture(study).savefig(drawing, dpi=plots.DPI)
+        few = Image.open(drawing).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        save = partial(few.save, format="png", optimize=True)
+        files.write_atomically(args.results / "keep.png", save)
+    files.write_atomically(args.results / "README.md", lambda file: file.write(text))
 
 
 if __name__ == "__main__":

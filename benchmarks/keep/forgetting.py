@@ -14,12 +14,12 @@ and no size of the neighbourhoods does well on both tasks.
 """
 
 from collections import deque
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 from protocol import count, primary
+from workers import workers
 
 from gbdqn_ref import UsageError, drift, files, stats, train
 from gbdqn_ref.__main__ import Parser, program
@@ -103,7 +103,8 @@ def table(out):
             runs = {each: stored(out, env, each) for each in (arm, "uniform", "told")}
             seeds = sorted(set.intersection(*map(set, runs.values())))
             if not seeds:
-                raise UsageError(f"there is no run of {env}-{arm} in {out}; `run` writes some")
+                missing = next((each for each in runs if not runs[each]), arm)
+                raise UsageError(f"there is no run of {env}-{missing} in {out}; `run` writes some")
             values = {each: [runs[each][k]["value"] for k in seeds] for each in runs}
             drawn = np.mean([runs[arm][k]["drawn"] for k in seeds])
             cells += [f"{stats.iqm(values[arm]):.1f}"]
@@ -114,8 +115,10 @@ def table(out):
 
 def lead(values, arm, other):
     """Arm minus other in words; nothing of an arm minus itself."""
+    if arm == other:
+        return ""
     apart, low, high = stats.paired_difference(values[arm], values[other], np.random.default_rng(0))
-    return f"{apart:+.1f} [{low:+.1f}, {high:+.1f}]" if arm != other else ""
+    return f"{apart:+.1f} [{low:+.1f}, {high:+.1f}]"
 
 
 def stored(out, env, arm):
@@ -137,7 +140,7 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     if args.what == "run":
         jobs = product([args.out], BINS, ARMS, range(FIRST, FIRST + args.seeds))
-        with files.locked(args.out), ProcessPoolExecutor(args.jobs) as pool:
+        with files.locked(args.out), workers(args.jobs) as pool:
             list(pool.map(run_one, jobs))
     print("\n".join(table(args.out)))
 

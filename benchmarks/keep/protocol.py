@@ -32,6 +32,15 @@ SHAPE = {
     ],
 }
 
+PLAN = {  # of the tuning, if a method is tuned
+    "settings": (int,),
+    "first_seeds": [(int,)],
+    "best": (int,),
+    "further_seeds": [(int,)],
+    "shared": (dict,),
+    "epsilon_restart": [files.NUMBER],
+}
+
 
 class Protocol:
     """The contents of a protocol, checked: every arm, task and part that is named exists.
@@ -44,6 +53,8 @@ class Protocol:
             self.content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
             files.check_shape(self.content, SHAPE, "it")
             methods = self.content["tuning"]["methods"]
+            if methods:
+                files.check_shape(self.content, {"tuning": PLAN, "seeds": {"tune": [(int,)]}}, "it")
             for named, shape in (
                 (self.content["tasks"], {"preset": TEXT, "parts": NAMES}),
                 (self.content["arms"], {"agent": TEXT, "parts": NAMES}),

@@ -23,6 +23,7 @@ from protocol import FILE, Protocol, code_hash, count, primary, settings_hash
 from gbdqn_ref import UsageError, files, runs, stats, study
 from gbdqn_ref.__main__ import Parser, cluster, nonempty, program
 from gbdqn_ref.files import NUMBER
+from gbdqn_ref.stats import EDGE, WINDOW
 
 RESULTS = Path(__file__).parents[2] / "paper_checks" / "results" / "keep"
 MAYBE = (int, type(None))
@@ -39,7 +40,7 @@ ROW = dict.fromkeys(("task", "arm", "code", "settings"), (str,)) | {
     "alarms": [(int,)],
 }
 TUNED = {"chosen": (dict,), "first": [(list,)], "best": [[NUMBER]]}
-EDGE, FINAL, WINDOW = 20, 50, 10  # episodes: a regime's start, a run's end, a trailing mean
+FINAL = 50  # episodes at a run's end
 
 
 def settings(protocol, method, seed, count):
@@ -70,6 +71,8 @@ def tune(protocol, task, out, results, pool):
     """Choose the settings of each method on a task; write them with all that was tried."""
     plan, path = protocol.content["tuning"], results / f"{task}-tuned.json"
     tried = files.read_json(path) if path.exists() else {}
+    if not plan["methods"]:
+        raise UsageError("the protocol has no method to tune")
     for method, content in plan["methods"].items():
         if method in tried:
             continue
@@ -223,7 +226,7 @@ def row(config, records, returns, agent):
         "value": round(primary(records, config), 4),
         "regimes": [round(float(returns[r.start : r.end].mean()), 4) for r in config.regimes],
         "first": [round(float(returns[r.start : r.start + EDGE].mean()), 4) for r in regimes],
-        "final": round(float(returns[-FINAL:].mean()), 4),
+        "final": round(stats.final_return(returns, FINAL), 4),
         "steps": ends[-1],
         "recovery": recoveries(returns, regimes),
         "calm": recoveries(-np.array([record["td_error"] for record in records]), regimes),
@@ -286,18 +289,30 @@ def chosen(results):
     }
 
 
-def main(arguments=None):
+def options(arguments):
+    """The command line, read."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["tune", "report", "collect"])
-    parser.add_argument("--tasks", default="acrobot,mountaincar,cartpole")
+    parser.add_argument("--tasks", help="default: acrobot,mountaincar,cartpole")
     parser.add_argument("--arms", type=lambda text: text.split(","), help="default: all")
-    parser.add_argument("--seeds", type=count, default=20)
+    parser.add_argument("--seeds", type=count, help="default: 20")
     parser.add_argument("--jobs", type=count, default=2)
     parser.add_argument("--dask", type=nonempty, metavar="ADDRESS")
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--out", type=Path, default=Path("runs/keep"))
     parser.add_argument("--results", type=Path, default=RESULTS)
     args = parser.parse_args(arguments)
+    if args.what != "report" and (args.arms or args.seeds):
+        parser.error("--arms and --seeds are options of `report`")
+    if args.what == "collect" and args.tasks:
+        parser.error("`collect` takes all tasks")
+    args.tasks = (args.tasks or "acrobot,mountaincar,cartpole").split(",")
+    args.seeds = args.seeds or 20
+    return args
+
+
+def main(arguments=None):
+    args = options(arguments)
     with files.locked(args.results), cluster(args.dask) as executor:
         protocol = Protocol(args.protocol, chosen(RESULTS) | chosen(args.results))
         store = Store(protocol, args.results)
@@ -306,11 +321,11 @@ def main(arguments=None):
                 raise UsageError(f"{args.out} has no folder 'reported', as `report` makes one")
             store.collect(args.out / "reported")
             return
-        tasks, pool = args.tasks.split(","), {"jobs": args.jobs, "executor": executor}
-        for task in tasks:
+        pool = {"jobs": args.jobs, "executor": executor}
+        for task in args.tasks:
             for arm in args.arms or protocol.arms_of(task):
                 protocol.check(task, arm)
-        for task in tasks:
+        for task in args.tasks:
             if args.what == "tune":
                 tune(protocol, task, args.out / "tuning" / task, args.results, pool)
             else:

@@ -18,13 +18,13 @@ WINDOW = 10  # episodes of a running mean
 def plane(titles, values, visited, rides):
     """Maps (n, n) of values where a car has been, each with the ride above and below.
 
-    Below, {title: ride (steps, 2)} as positions, with time running down.
+    Below, [(title, ride (steps, 2))] as positions, with time running down.
     """
     figure, axes = plt.subplots(2, 3, figsize=(8, 5.2), sharex=True, sharey="row")
     shown = [np.where(*each, np.nan) for each in zip(visited, values, strict=True)]
     ends = dict(vmin=min(map(np.nanmin, shown)), vmax=max(map(np.nanmax, shown)))
     place = dict(origin="lower", extent=EXTENT, aspect="auto", interpolation="nearest")
-    columns = zip(axes.T, titles, shown, rides.items(), strict=True)
+    columns = zip(axes.T, titles, shown, rides, strict=True)
     for (above, below), title, picture, (ending, ride) in columns:
         above.set_facecolor(NEVER)
         image = above.imshow(picture, cmap="viridis", **ends, **place)
@@ -46,7 +46,7 @@ def cars(rides, step):
     """The valley and each ride's car at this step."""
     figure, axes = plt.subplots(1, len(rides), figsize=(9, 2.2), sharey=True)
     x = np.linspace(*EXTENT[:2], 100)
-    for panel, (title, ride) in zip(axes, rides.items(), strict=True):
+    for panel, (title, ride) in zip(axes, rides, strict=True):
         at = ride[min(step, len(ride) - 1), 0]
         panel.plot(x, np.sin(3 * x), color="0.5")
         panel.plot(at, np.sin(3 * at) + 0.12, "o", color=BLACK, markersize=9)
