@@ -113,12 +113,10 @@ def test_control_a_quiet_chart_of_something_else_finds_them_in_the_same_runs():
 @claim("X30")
 def test_dropping_the_data_brings_more_than_a_booster():
     """DQN that drops its data over DQN, minus the lead of a booster beside dropped data over it."""
-    found = {
-        task: data - booster
-        for task in STUDY.tasks("oracle")
-        for dqn, drop, both in [STUDY.values(task, "dqn", "dqn-drop", "gb-drop")]
-        for data, booster in [(drop - dqn, both - drop)]
-    }
+    found = {}
+    for task in STUDY.tasks("oracle"):
+        keeps, drops, boosts = STUDY.values(task, "dqn", "dqn-drop", "gb-drop")
+        found[task] = (drops - keeps) - (boosts - drops)
     assert everywhere(found)
     shows("what dropping the data brings, minus what a booster then adds: {}", said(found))
 
