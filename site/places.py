@@ -12,6 +12,7 @@ SHOWN = {  # a file or folder of the repository: its page
     CHECKS: "ledger.md",
     "paper_checks/results/README.md": "results.md",
     "paper_checks/results/keep/README.md": "keep.md",
+    "paper_checks/results/keep/settings/README.md": "settings.md",
     "benchmarks/keep/README.md": "detectors.md",
     "notebooks/README.md": "course/index.md",
     "docs/what_to_keep.md": "what_to_keep.md",

@@ -408,6 +408,24 @@ def test_the_stored_page_is_what_the_program_writes():
     assert readme == decide.readme(study, readme)
 
 
+@pytest.mark.parametrize("name", ["settings"])
+def test_the_page_of_an_exploratory_protocol(name):
+    """It tests nothing, and says so."""
+    results = RESULTS / name
+    study = conclude.stored(results, conclude.FILE.with_name(f"{name}.toml"))
+    text = (results / "README.md").read_text(encoding="utf-8")
+    assert text == conclude.page(study, results) and text.startswith("# Does a booster take")
+    assert "Exploratory" in text and "Hypotheses" not in text
+    (task,) = study.protocol.tasks
+    told = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")
+    for arm in study.protocol.arms:
+        level = conclude.signed(conclude.middle(study.values(task, arm)[0]))
+        assert f"| {arm} | {level} |" in text
+        if arm != study.reference["oracle"]:
+            apart = conclude.words(study.difference(task, arm, study.reference["oracle"]))
+            assert apart in text and apart in told
+
+
 def test_the_ledger_says_which_tasks_its_verdicts_rest_on():
     """A task whose runs become complete asks for its rows to be read again."""
     study = conclude.stored()

@@ -11,6 +11,7 @@ FOLDERS = ".", "docs", "notebooks", "paper_checks/**", "benchmarks/**", "site"
 PAGES = sorted({path for folder in FOLDERS for path in ROOT.glob(f"{folder}/*.md")})
 ELSEWHERE = {  # a text that another folder's page takes in; the site's stand for the root's
     ROOT / "benchmarks/keep/conclusions.md": ROOT / "paper_checks/results/keep",
+    ROOT / "benchmarks/keep/exploratory.md": ROOT / "paper_checks/results/keep/settings",
     ROOT / "benchmarks/keep/decision.md": ROOT / "docs",
     **dict.fromkeys(ROOT.glob("site/*.md"), ROOT),
 }

@@ -28,7 +28,7 @@ from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
 from gbdqn_ref.stats import EDGE, WINDOW
 
-TEXT = Path(__file__).with_name("conclusions.md")
+TEXT, EXPLORATORY = map(Path(__file__).with_name, ("conclusions.md", "exploratory.md"))
 REFERENCE = {  # part of the study: the arm that the others are compared with
     "oracle": "dqn-drop",
     "detected": "dqn-detected",
@@ -81,6 +81,7 @@ class Study:
 
     def __init__(self, store):
         self.protocol, self.returns, self.rows = store.protocol, store.returns, {}
+        self.reference = REFERENCE | store.protocol.content.get("reference", {})
         for (task, arm, seed), row in sorted(store.rows.items()):
             self.rows.setdefault((task, arm), {})[seed] = row
 
@@ -272,13 +273,14 @@ def hypotheses(study):
 
 def arms(study, task, part):
     """Every arm of a task's part: levels, failures, first episodes, difference to the reference."""
-    table, reference = [], REFERENCE[part]
+    table, reference = [], study.reference[part]
     everyone = study.arms(task)
     ends = {arm: study.values(task, arm, of="final")[0] for arm in everyone}
     lowest = calibrate.random_return(study.config(task, everyone[0]).env)
     bar = (lowest + max(map(stats.iqm, ends.values()))) / 2
     for arm in study.arms(task, part):
         (value,), (first,) = study.values(task, arm), study.values(task, arm, of="first")
+        (before,) = study.values(task, arm, of=mean_of("regimes", [0]))
         failed, n = int(np.sum(ends[arm] < bar)), len(value)
         share = "{} of {} [{:.0%}, {:.0%}]".format(failed, n, *exact_interval(failed, n))
         diverged = sum("diverged" in row for row in study.rows[task, arm].values())
@@ -288,8 +290,9 @@ def arms(study, task, part):
             better = improvement(value, study.values(task, reference)[0])
             apart = [words(study.difference(task, arm, reference)), f"{better:.2f}"]
         failures = share + (f", {diverged} diverged" if diverged else "")
-        table.append([arm, *levels, failures, middle(first), middle(ends[arm]), *apart])
-    header = ["arm", "IQM", "mean", "worst", "failed", f"first {EDGE}", f"last {FINAL}"]
+        returns = map(middle, (before, first, ends[arm]))
+        table.append([arm, *levels, failures, *returns, *apart])
+    header = ["arm", "IQM", "mean", "worst", "failed", "before", f"first {EDGE}", f"last {FINAL}"]
     return [*header, f"minus {reference}", "better"], table
 
 
@@ -514,17 +517,24 @@ def page(study, results):
         if study.arms(task, part)
     }
     by_task = {f"{task}, arm by arm": adaptation(study, task) for task in study.tasks("oracle")}
-    text = TEXT.read_text(encoding="utf-8").format(
-        here=sys.modules[__name__],
-        picture=PICTURE if drawn(study) else "",
-        looks=", ".join(map(str, looks["seeds"])),
-        error=looks["error"] / len(looks["seeds"]),
-        verdicts=verdicts(study),
-        definitions=markdown(definitions(protocol)),
-        arms=sections(by_part),
-        adaptation=sections(by_task),
-        tuning=markdown(tuning(results)),
-        **{table.__name__: markdown(table(study)) for table in TABLES},
+    text = (
+        (TEXT if protocol.hypotheses else EXPLORATORY)
+        .read_text(encoding="utf-8")
+        .format(
+            here=sys.modules[__name__],
+            question=protocol.content["question"],
+            name=protocol.name,
+        protocol=f"[`{protocol.name}`](../../../../benchmarks/keep/{protocol.name})",
+            picture=PICTURE if drawn(study) else "",
+            looks=", ".join(map(str, looks["seeds"])),
+            error=looks["error"] / len(looks["seeds"]),
+            verdicts=verdicts(study),
+            definitions=markdown(definitions(protocol)),
+            arms=sections(by_part),
+            adaptation=sections(by_task),
+            tuning=markdown(tuning(results)),
+            **{table.__name__: markdown(table(study)) for table in TABLES},
+        )
     )
     return signed(text)
 

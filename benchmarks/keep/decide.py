@@ -4,7 +4,6 @@ the README's table.
 python benchmarks/keep/decide.py
 """
 
-from collections import Counter
 from math import inf
 from pathlib import Path
 
@@ -172,9 +171,12 @@ def page(study):
     text = TEXT.read_text(encoding="utf-8")
     _, tested = hypotheses(study)
     hold = [f"{name} ({says})" for name, says, *_, mark in tested if "holds" in mark]
-    rest = Counter(mark for *_, mark in tested if "holds" not in mark)
-    count = ", ".join(f"{n} {mark}" for mark, n in rest.items()) or "none"
-    values = {"answer": answer(study), "table": markdown(table(study)), "count": count}
+    rest = {}
+    for name, *_, mark in tested:
+        if "holds" not in mark:
+            rest.setdefault(mark, []).append(name)
+    others = "; ".join(f"{', '.join(names)} {mark}" for mark, names in rest.items()) or "none"
+    values = {"answer": answer(study), "table": markdown(table(study)), "others": others}
     return text.format(hypotheses=len(tested), hold="; ".join(hold) or "none", **values)
 
 

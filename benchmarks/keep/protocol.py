@@ -20,6 +20,7 @@ from gbdqn_ref.config import Config
 FILE = Path(__file__).with_name("protocol.toml")
 TEXT, NAMES = (str,), [(str,)]
 SHAPE = {
+    "question": TEXT,
     "decisive": NAMES,
     "seeds": {"report": [(int,)]},
     "looks": {"seeds": [(int,)], "error": files.NUMBER},
@@ -49,6 +50,7 @@ class Protocol:
     """
 
     def __init__(self, path=FILE, tuned=None):
+        self.name = Path(path).name
         with files.undamaged(path):
             self.content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
             files.check_shape(self.content, SHAPE, "it")
