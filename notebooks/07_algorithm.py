@@ -372,8 +372,8 @@ show(
 
 # %% [markdown]
 # Every booster fits its targets exactly. (Reading 1 turns three rooms, not one. Before
-# the drift no transition started in room 9, so the shared bias had moved Q there; after
-# the backup rooms 8 and 9 go left, too.) But only the live target with the loss on
+# the drift no transition started in room 9, so Q there had fallen with the shared bias;
+# after the backup rooms 8 and 9 go left, too.) But only the live target with the loss on
 # $\alpha h$ arrives (claim B3). And α = 0.5 does not shrink the step of reading 1: α
 # cancels (claim B2).
 #

@@ -414,7 +414,7 @@ def test_the_page_of_an_exploratory_protocol(name):
     results = RESULTS / name
     study = conclude.stored(results, conclude.FILE.with_name(f"{name}.toml"))
     text = (results / "README.md").read_text(encoding="utf-8")
-    assert text == conclude.page(study, results) and text.startswith("# Does a booster take")
+    assert text == conclude.page(study, results) and text.startswith(f"# {study.protocol.content['question']}\n")
     assert "Exploratory" in text and "Hypotheses" not in text
     (task,) = study.protocol.tasks
     told = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")

@@ -70,6 +70,7 @@ COLOURS = 32  # of the picture, which so takes a quarter of the bytes
 DRAWN = {  # arm: its name in the picture, and its line
     "dqn": ("DQN", "-"),
     "gbdqn": ("GB-DQN (paper)", "-"),
+    "sliding": ("Sliding-DQN", ":"),
     "dqn-detected": ("DQN, data dropped", "--"),
     "twin-adam": ("DQN-reuse", "-."),
     "reuse": ("GB-DQN-reuse", "-."),
@@ -504,7 +505,7 @@ def tuning(results):
 # --- the page and the picture ---------------------------------------------------------------------
 
 TABLES = completeness, hypotheses, predictions, hearing, detection, nulls, held_out, per_step
-PICTURE = "![Learning curves of five arms, and the share of runs above each return](keep.png)\n\n"
+PICTURE = "![Learning curves of six arms, and the share of runs above each return](keep.png)\n\n"
 
 
 def page(study, results):
