@@ -542,7 +542,7 @@ for task in dict.fromkeys(task for task, _ in stored):
 
 # %%
 page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
-page = re.sub(r"`--tasks \S+ --arms (\S+),(\S+)`", r"`\1` − `\2`", page)
+page = re.sub(r"`again.py \S+ (\S+) (\S+)`", r"`\1` − `\2`", page)
 choices = page.partition("What each choice brings")[2]
 held = re.search(r"Hypotheses that hold:.*?\n\n", choices, re.DOTALL)[0]
 table = [line for line in choices.splitlines() if line.startswith("|")]

@@ -274,6 +274,15 @@ def wider(study, agent):
     return f"{TABLES[PRINTED[study]][NAMES[agent]][1] / mean_std(final(study)[agent])[1]:.0f}"
 
 
+def answer():
+    """What the study of ours says first, and its first table, from the page that it wrote."""
+    page = (
+        (FOLDER.parents[1] / "docs" / "what_to_keep.md").read_text(encoding="utf-8").split("\n\n")
+    )
+    first = page[1].partition(" (Arms are compared")[0]
+    return first + "\n\n" + next(each for each in page if each.startswith("| "))
+
+
 FIGURES = {  # name in text.md: what gives it
     "table": lambda name: f"<!-- {name} -->\n\n{section(name)}\n<!-- end of {name} -->",
     "iqm": lambda study, agent: f"{iqm(final(study)[agent]):.1f}",
@@ -298,6 +307,7 @@ FIGURES = {  # name in text.md: what gives it
     "slower": lambda: f"{1 / stored('acrobot')['settings']['alpha']:.0f}",
     "halflife": lambda study: f"{np.log(2) / stored(study)['settings']['recency_rate']:,.0f}",
     "printed": lambda env, name: f"{TABLES[env][name][0]:.2f}",
+    "study": answer,
     "worse": worse,
     "wider": wider,
 }

@@ -20,7 +20,6 @@ from gbdqn_ref.schedule import LABELS
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import calibrate
 import conclude
-import decide
 from study import RESULTS
 
 STUDY = conclude.stored()
@@ -34,7 +33,7 @@ def leads(arm, other):
 
 def parts(what):
     """{task: the difference (seeds,)} of a row of the answer."""
-    found = {task: decide.parts(STUDY, task)[what] for task in STUDY.tasks("oracle")}
+    found = {task: conclude.parts(STUDY, task)[what] for task in STUDY.tasks("oracle")}
     return {task: x for task, x in found.items() if len(x)}
 
 
@@ -132,7 +131,7 @@ def test_a_booster_alone_brings_a_lead():
 @claim("X30")
 def test_beside_stored_networks():
     """GB-DQN-reuse's lead over the better of its twins, told of the drifts and detecting them."""
-    told = parts("both, over stored networks")
+    told = parts("told: both, over stored networks")
     detecting = parts("detecting: both, over stored networks")
     assert shown_on(told) == {"acrobot", "mountaincar"} and shown_on(detecting) == {"mountaincar"}
     assert conclude.side(told["cartpole"]) == conclude.side(detecting["cartpole"]) == -1

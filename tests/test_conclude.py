@@ -18,6 +18,7 @@ from gbdqn_ref.schedule import LABELS
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import conclude
 import decide
+import drawings
 from protocol import Protocol, settings_hash
 from study import RESULTS, Store, chosen
 
@@ -252,7 +253,7 @@ def test_a_lead_on_the_held_out_schedule_has_its_sign_or_not():
     study.rows |= study_of(other, "mountaincar-held-out").rows
     _, rows = conclude.held_out(study)
     assert [row[0] for row in rows] == [CAR] * 4
-    assert [row[-1] for row in rows] == ["the same", "open", "the opposite", "the opposite"]
+    assert [row[-1] for row in rows] == ["ahead on both", "open", "the opposite", "the opposite"]
     assert rows[0][2:4] == ["+40.0 [+40.0, +40.0]", "+20.0 [+20.0, +20.0]"]
     del study.rows[CAR, "reuse"][2003]
     assert conclude.held_out(study)[1][2][2:] == ["–", "−10.0 [−10.0, −10.0]", "open"]
@@ -265,8 +266,7 @@ def test_equal_steps_are_counted_from_the_first_event():
     returns = {"dqn-2000": long, "dqn-drop-2000": short}
     study = study_of({"dqn": [run(-175.0)], "dqn-drop": [run(-100.0)]}, returns=returns)
     row = cells(conclude.per_step(study), CAR, "dqn")
-    assert row["at equal episodes"] == "−75.0" and row["steps"] == "40,000"
-    assert row["at equal steps"] == "−60.0"
+    assert (row["at equal episodes"], row["at equal steps"]) == ("−75.0", "−60.0")
 
 
 def predicted(**lead):
@@ -348,7 +348,7 @@ def test_a_page_of_a_study_that_is_under_way(stored):
 
 def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
     study = conclude.stored(stored)
-    figure = conclude.picture(study)
+    figure = drawings.picture(study)
     left, right = figure.axes
     assert {text.get_text() for text in left.texts} == {"DQN", "GB-DQN-reuse"}
     assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 9
@@ -361,6 +361,20 @@ def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
     assert right.lines[0].get_drawstyle() == "steps-pre"
     ends = [[value[0], 1], [value[1], 2 / 3], [value[2], 1 / 3], [value[2], 0]]
     np.testing.assert_allclose(profile, ends)
+
+
+def test_around_a_reversal_every_seed_is_drawn(stored):
+    """MountainCar's motor is reversed in episodes 250 and 450."""
+    study = conclude.stored(stored)
+    figure = drawings.around(study)
+    assert [axes.get_title("left") for axes in figure.axes] == ["DQN", "GB-DQN-reuse"]
+    for axes in figure.axes:
+        assert len(axes.lines) == 3 + 2, "every seed, the IQM and the reversal"
+    returns = study.curves(CAR, "dqn")[2001]
+    mean = (returns[230:310] + returns[430:510]) / 2
+    np.testing.assert_allclose(figure.axes[0].lines[1].get_ydata(), mean)
+    assert figure.axes[0].lines[1].get_xdata().tolist() == [*range(-20, 60)]
+    assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 9
 
 
 @pytest.mark.parametrize("program", [conclude, decide])
@@ -382,7 +396,7 @@ def test_a_folder_without_runs_is_refused_and_nothing_is_written(tmp_path, progr
 def test_runs_without_returns_have_a_page_and_no_picture(stored):
     (stored / "mountaincar.npz").unlink()
     conclude.main([f"--results={stored}"])
-    assert not (stored / "keep.png").exists()
+    assert not list(stored.glob("*.png"))
     assert "keep.png" not in (stored / "README.md").read_text(encoding="utf-8")
 
 
@@ -402,7 +416,8 @@ def test_the_stored_page_is_what_the_program_writes():
         return
     study = conclude.stored()
     assert page.read_text(encoding="utf-8") == conclude.page(study, RESULTS)
-    assert picture.stat().st_size <= 300_000
+    for drawing in (picture, picture.with_name("drifts.png")):
+        assert drawing.stat().st_size <= 300_000
     assert decide.PAGE.read_text(encoding="utf-8") == decide.page(study)
     readme = (decide.ROOT / "README.md").read_text(encoding="utf-8")
     assert readme == decide.readme(study, readme)
@@ -414,7 +429,9 @@ def test_the_page_of_an_exploratory_protocol(name):
     results = RESULTS / name
     study = conclude.stored(results, conclude.FILE.with_name(f"{name}.toml"))
     text = (results / "README.md").read_text(encoding="utf-8")
-    assert text == conclude.page(study, results) and text.startswith(f"# {study.protocol.content['question']}\n")
+    assert text == conclude.page(study, results) and text.startswith(
+        f"# {study.protocol.content['question']}\n"
+    )
     assert "Exploratory" in text and "Hypotheses" not in text
     (task,) = study.protocol.tasks
     told = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")
@@ -460,10 +477,10 @@ def test_the_answer_is_against_the_better_twin(told, adam, reuse, answer):
     for k, each in enumerate(arms["dqn-drop"]):
         each["value"] += (-1) ** k * 0.5
     found = decide.answer(study_of(arms))
-    assert found.startswith(f"- **MountainCar.** {answer}.\n\n| told of the drifts | MountainCar |")
+    assert found.startswith(f"- **MountainCar.** {answer}.\n\n|  | MountainCar |")
     lead = conclude.words(np.full(20, float(reuse - max(told, adam))))
-    assert f"| both, over stored networks | {lead}, mean " in found
-    assert "| a booster, over the same | +3.0 [+2.5, +3.5], mean +3.0 |" in found
+    assert f"| told: both, over stored networks | {lead}, mean " in found
+    assert "| told: a booster, over the same | +3.0 [+2.5, +3.5], mean +3.0 |" in found
     assert "| detecting: both, over stored networks | +3.0 [+3.0, +3.0], mean +3.0 |" in found
 
 
@@ -481,6 +498,73 @@ def test_a_gain_is_not_given_to_reuse_where_only_others_are_shown(boost, both, a
     assert decide.verdict(unsure, boost, both, unsure, unsure) == answer
 
 
+@pytest.mark.parametrize(
+    ("told", "detecting", "says"),
+    [
+        (5, 5, "boosting adds to reuse, with the drifts told and with them detected"),
+        (5, 0, "it is shown to where the agent is told, and not where it detects"),
+        (0, 5, "it is shown to where the agent detects, and not where it is told"),
+        (0, 0, "it is not shown to"),
+        (-5, 5, "reuse, not boosting, gains: boosting takes from it"),
+        (0, -5, "reuse, not boosting, gains: boosting takes from it"),
+    ],
+)
+def test_the_first_sentence_says_where_boosting_adds_to_reuse(told, detecting, says):
+    twins = dict.fromkeys([*conclude.TWINS[0], *conclude.TWINS[1]], -150)
+    arms = twins | {"dqn-drop": -170, "reuse-told": -150 + told, "reuse": -150 + detecting}
+    arms = {arm: level(value) for arm, value in arms.items()}
+    for arm, lead in (("reuse-told", told), ("reuse", detecting)):
+        for k, each in enumerate(arms[arm]):
+            each["value"] += (-1) ** k * (lead == 0)  # else a lead of 0 has no interval
+    assert conclude.first_sentence(study_of(arms)) == f"On MountainCar {says}."
+    del arms["reuse"]
+    assert conclude.first_sentence(study_of(arms)) == "No task is complete yet."
+
+
+def test_a_target_is_met_by_the_smallest_lead_or_missed_with_a_reason():
+    hopes = [each for each in conclude.TARGETS if each["task"] == CAR]
+    told, twins = hopes[0], hopes[1]
+    assert (told["least"], twins["least"], twins["low"]) == (10.0, 0.0, True)
+    arms = {"reuse-told": level(-130), "dqn-drop": level(-145), "dqn-drop-adam": level(-140)}
+    arms |= {"twin-told": level(-130), "twin-told-adam": level(-140)}
+    first, second = conclude.targets(study_of(arms))[1]
+    assert first[2:] == ["≥ 10", "+10.0 [+10.0, +10.0] over dqn-drop-adam", "met"]
+    assert second[2:] == ["lower end ≥ 0", "+0.0 [+0.0, +0.0] over twin-told", "met"]
+    missed = [each for each in conclude.TARGETS if "why" in each]
+    assert {each["task"] for each in missed} == {"acrobot"}
+
+
+def test_a_target_that_is_missed_has_its_reason(monkeypatch):
+    target = dict(conclude.TARGETS[0], why="of this") | {"of": "first", "least": 11.0}
+    monkeypatch.setattr(conclude, "TARGETS", [target])
+    arms = {"reuse-told": -130, "dqn-drop": -140, "dqn-drop-adam": -145}
+    study = study_of({arm: level(value) for arm, value in arms.items()})
+    ((*_, measured, verdict),) = conclude.targets(study)[1]
+    assert measured == "+10.0 [+10.0, +10.0] over dqn-drop"
+    assert verdict == "missed: of this"
+
+
+def test_every_target_is_measured():
+    _, rows = conclude.targets(conclude.stored())
+    assert len(rows) == len(conclude.TARGETS)
+
+
+def test_the_leads_that_decide_have_all_their_measures():
+    arms = {"dqn": [run(-190.0, first=[-195.0] * 4, final=-180.0)] * 20}
+    arms["dqn-drop"] = [run(-150.0, first=[-199.0] * 4, final=-140.0)] * 20
+    _, ((task, lead, *measured),) = conclude.pairs(study_of(arms))
+    assert (task, lead) == (CAR, "dqn-drop − dqn")
+    ends = [f"{x} [{x}, {x}]" for x in ("+40.0", "−4.0", "+40.0")]
+    assert [conclude.signed(each) for each in measured] == [*ends, "–", "1.00"]
+
+
+def test_a_text_has_the_difference_that_it_names():
+    study = study_of({"dqn": level(-190), "dqn-drop": level(-150)})
+    text = "({lead:mountaincar dqn-drop dqn}, {lead:mountaincar dqn-drop dqn final})"
+    found = text.format(lead=conclude.Leads(study))
+    assert found == "(+40.0 [+40.0, +40.0], +40.0 [+40.0, +40.0])"
+
+
 def test_an_environment_whose_runs_are_missing_has_no_answer():
     assert decide.answer(study_of({"dqn-drop": level(-150)})) == "No run is complete yet."
 
@@ -496,12 +580,12 @@ def test_each_choice_has_its_difference_and_its_command():
         "CartPole",
         header[-1],
     ]
-    assert rows[0][2:] == ["–", "+40.0 [+40.0, +40.0]", "–", "`--tasks TASK --arms dqn-drop,dqn`"]
+    assert rows[0][2:] == ["–", "+40.0 [+40.0, +40.0]", "–", "`again.py TASK dqn-drop dqn`"]
     _, few = decide.table(study_of(arms | {"dqn": level(-190, 19)}))
     assert few[0][2:5] == ["–", "–", "–"], "not before the first look"
     for row in rows:
-        task, arms = re.search(r"--tasks TASK(\S*) --arms (\S+)`", row[-1]).groups()
-        assert set(arms.split(",")) <= set(Protocol().arms_of(CAR + task)), row
+        task, *arms = re.search(r"again\.py TASK(\S*) (\S+) (\S+)`", row[-1]).groups()
+        assert set(arms) <= set(Protocol().arms_of(CAR + task)), row
 
 
 def test_the_readme_has_the_level_of_each_agent():

@@ -23,6 +23,7 @@ from gbdqn_ref.schedule import Regime
 
 KEEP = Path(__file__).parents[1] / "benchmarks" / "keep"
 sys.path.append(str(KEEP))
+import again  # noqa: E402
 import calibrate  # noqa: E402
 import cartpole  # noqa: E402
 import conclude  # noqa: E402
@@ -32,6 +33,7 @@ import study  # noqa: E402
 from protocol import Protocol  # noqa: E402
 
 TINY = """
+question = "Does detection help?"
 decisive = ["drop"]
 [seeds]
 tune = [1000, 1019]
@@ -97,6 +99,19 @@ def tiny(tmp_path, monkeypatch):
 def stored(tmp_path):
     lines = (tmp_path / "results" / "rows.jsonl").read_text(encoding="utf-8").splitlines()
     return [json.loads(line) for line in lines]
+
+
+def test_a_figure_of_the_answer_is_run_again(tmp_path, tiny, capsys):
+    """Its two arms are trained, and their difference is that of the rows."""
+    tiny("tune", "--tasks=mini")
+    shutil.copytree(tmp_path / "results", tmp_path / "out" / "results")
+    options = [f"--protocol={tmp_path / 'tiny.toml'}", f"--out={tmp_path / 'out'}", "--seeds=2"]
+    again.main(["mini", "detects", "drop", *options])
+    rows = (tmp_path / "out" / "results" / "rows.jsonl").read_text(encoding="utf-8").splitlines()
+    value = {(row["arm"], row["seed"]): row["value"] for row in map(json.loads, rows)}
+    leads = np.array([value["detects", k] - value["drop", k] for k in (2000, 2001)])
+    said = f"mini: detects minus drop: {conclude.words(leads)}, 2 seeds\n"
+    assert capsys.readouterr().out == said
 
 
 def test_from_tuning_to_rows(tmp_path, tiny, monkeypatch):

@@ -3,32 +3,32 @@
     python benchmarks/keep/conclude.py
 
 Everything is computed from rows.jsonl, TASK.npz and TASK-tuned.json in --results, and written to
-README.md and keep.png beside them. Nothing is trained. A table has what is there, and the page says
-what is missing.
+README.md, keep.png and drifts.png beside them. Nothing is trained. A table has what is there, and
+the page says what is missing.
 """
 
-import io
 import re
 import sys
+import tomllib
 from functools import partial
 from itertools import pairwise, takewhile
-from math import comb
+from math import comb, inf
 from pathlib import Path
 
 import calibrate
+import drawings
 import numpy as np
-from matplotlib.figure import Figure
-from PIL import Image
 from protocol import FILE, Protocol, runs_of
 from study import FINAL, RESULTS, Store, chosen
 
-from gbdqn_ref import UsageError, files, plots, stats
+from gbdqn_ref import UsageError, files, stats
 from gbdqn_ref.__main__ import Parser, program
-from gbdqn_ref.agents import AGENTS
 from gbdqn_ref.schedule import LABELS
-from gbdqn_ref.stats import EDGE, WINDOW
+from gbdqn_ref.stats import EDGE
 
-TEXT, EXPLORATORY = map(Path(__file__).with_name, ("conclusions.md", "exploratory.md"))
+HERE = Path(__file__).parent
+TEXT, EXPLORATORY = HERE / "conclusions.md", HERE / "exploratory.md"
+TARGETS = tomllib.loads((HERE / "targets.toml").read_text(encoding="utf-8"))["targets"]
 REFERENCE = {  # part of the study: the arm that the others are compared with
     "oracle": "dqn-drop",
     "detected": "dqn-detected",
@@ -49,6 +49,7 @@ HEARING = {  # an arm, and the same arm that is told, or gets its alarms at rand
     "twin-adam": ("twin-told-adam", None),
     "reuse": ("reuse-told", "reuse-random"),
 }
+TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
 DATA = ("dqn-drop", "dqn")  # P1: what is changed, with and without
 NETWORK = [
     ("plasticity", "dqn"),
@@ -57,6 +58,19 @@ NETWORK = [
     ("reuse-told", "dqn-drop"),
 ]
 ADAM = [("dqn-drop-adam", "dqn-drop"), ("twin-told-adam", "twin-told")]
+DECISIVE = [  # (arm, minus which arm): told of the drifts, and detecting them
+    ("dqn-drop", "dqn"),
+    ("twin-told", "dqn-drop"),
+    ("gb-drop", "dqn-drop"),
+    ("reuse-told", "dqn-drop"),
+    ("reuse-told", "twin-told"),
+    ("reuse-told", "twin-told-adam"),
+    ("twin", "dqn-detected"),
+    ("reuse", "dqn-detected"),
+    ("reuse", "twin"),
+    ("reuse", "twin-adam"),
+    ("reuse", "dqn-drop"),
+]
 LEADS = [  # looked at once more on the held-out schedule
     ("dqn-drop", "dqn"),
     ("twin-adam", "dqn-drop"),
@@ -64,17 +78,6 @@ LEADS = [  # looked at once more on the held-out schedule
     ("reuse", "twin-adam"),
 ]
 FOUND, COSTS = 0.9, 5.0  # targets: share of costly drifts, percent of the span where none is
-LINE = 0.075  # the height of a name in the picture, as a share of its panel's
-NAME = {"va": "center", "fontsize": 9}
-COLOURS = 32  # of the picture, which so takes a quarter of the bytes
-DRAWN = {  # arm: its name in the picture, and its line
-    "dqn": ("DQN", "-"),
-    "gbdqn": ("GB-DQN (paper)", "-"),
-    "sliding": ("Sliding-DQN", ":"),
-    "dqn-detected": ("DQN, data dropped", "--"),
-    "twin-adam": ("DQN-reuse", "-."),
-    "reuse": ("GB-DQN-reuse", "-."),
-}
 
 
 class Study:
@@ -116,9 +119,9 @@ class Study:
         seeds = sorted(set.intersection(*map(set, rows)))
         return np.array([[measure(each[seed]) for seed in seeds] for each in rows])
 
-    def difference(self, task, arm, other):
+    def difference(self, task, arm, other, of="value"):
         """Arm minus other on the same seeds."""
-        return np.subtract(*self.values(task, arm, other))
+        return np.subtract(*self.values(task, arm, other, of=of))
 
     def complete(self, task, arm, other):
         """Their difference, or nothing before both have the seeds of the first look."""
@@ -194,6 +197,18 @@ def words(x):
     return signed(f"{stats.iqm(x):+z.1f}{ends}")
 
 
+class Leads:
+    """{lead:TASK ARM OTHER} in a text is what words() says of a difference; with a fourth word, of
+    what the rows have under that name.
+    """
+
+    def __init__(self, study):
+        self.study = study
+
+    def __format__(self, spec):
+        return words(self.study.difference(*spec.split()))
+
+
 def signed(text):
     """A text whose negative numbers have a minus sign in place of a hyphen.
 
@@ -211,6 +226,52 @@ def mean_of(name, places):
 def middle(x, form="z.1f"):
     """The IQM in words."""
     return format(stats.iqm(x), form) if len(x) else "–"
+
+
+def parts(study, env):
+    """{what it is: difference (seeds,)} of the parts of the recipe, alone and together.
+
+    Of the two agents that store networks, with Adam kept or restarted, the better one counts.
+    """
+
+    def level(twin):
+        (values,) = study.values(env, twin)
+        return stats.iqm(values) if len(values) else -inf
+
+    stores, detects = (max(twins, key=level) for twins in TWINS)
+    pairs = {
+        "told: stored networks, over DQN that drops its data": (stores, "dqn-drop"),
+        "told: a booster, over the same": ("gb-drop", "dqn-drop"),
+        "told: both, over the same": ("reuse-told", "dqn-drop"),
+        "told: both, over stored networks": ("reuse-told", stores),
+        "told: both, over a booster": ("reuse-told", "gb-drop"),
+        "detecting: stored networks, over DQN that drops its data": (detects, "dqn-detected"),
+        "detecting: both, over the same": ("reuse", "dqn-detected"),
+        "detecting: both, over stored networks": ("reuse", detects),
+    }
+    return {what: study.complete(env, *pair) for what, pair in pairs.items()}
+
+
+def first_sentence(study):
+    """On which tasks boosting adds to reuse, with the drifts told and with them detected."""
+    says = {
+        (1, 1): "boosting adds to reuse, with the drifts told and with them detected",
+        (1, 0): "it is shown to where the agent is told, and not where it detects",
+        (0, 1): "it is shown to where the agent detects, and not where it is told",
+        (0, 0): "it is not shown to",
+    }
+    found = {}
+    for env in study.tasks("oracle"):
+        both = parts(study, env)
+        adds = [both[f"{how}: both, over stored networks"] for how in ("told", "detecting")]
+        if all(map(len, adds)):
+            sides = tuple(map(side, adds))
+            word = says.get(sides, "reuse, not boosting, gains: boosting takes from it")
+            found.setdefault(word, []).append(LABELS[env])
+    order = sorted(found, key=lambda word: [*says.values(), word].index(word))
+    clauses = [f"on {' and '.join(found[word])} {word}" for word in order]
+    text = "; ".join(clauses)
+    return f"{text[:1].upper()}{text[1:]}." if text else "No task is complete yet."
 
 
 # --- the tables: (header, rows) -------------------------------------------------------------------
@@ -240,6 +301,36 @@ def definitions(protocol):
     return ["arm", "agent", "settings", "parts"], table
 
 
+def targets(study):
+    """What was hoped for, the smallest lead that was measured, and whether it is enough."""
+    table = []
+    for each in TARGETS:
+        task, arm, of = each["task"], each["arm"], each.get("of", "value")
+        leads = {other: study.difference(task, arm, other, of) for other in each["against"]}
+        if all(map(len, leads.values())):
+            other, lead = min(leads.items(), key=lambda pair: stats.iqm(pair[1]))
+            low, least = "low" in each, each["least"]
+            met = (interval(lead)[0] if low else stats.iqm(lead)) >= least
+            wanted = f"{'lower end ' if low else ''}≥ {least:g}"
+            verdict = "met" if met else f"missed: {each['why']}"
+            table.append([task, each["says"], wanted, f"{words(lead)} over {other}", verdict])
+    return ["task", "target", "", "measured", ""], table
+
+
+def pairs(study):
+    """The leads that decide: primary metric, first episodes, last ones, per step, P(better)."""
+    table, measures = [], ("value", "first", "final")
+    for task in study.tasks("oracle"):
+        for arm, other in DECISIVE:
+            if len(study.complete(task, arm, other)):
+                leads = [study.difference(task, arm, other, of) for of in measures]
+                leads.append(per_step_lead(study, task, arm, other))
+                better = improvement(*study.values(task, arm, other))
+                table.append([task, f"{arm} − {other}", *map(words, leads), f"{better:.2f}"])
+    names = ["IQM", f"first {EDGE}", f"last {FINAL}", "at equal steps", "better"]
+    return ["task", "lead", *names], table
+
+
 def hypotheses(study):
     """Effect against the strongest opponent, p at the last look reached, and the decision."""
     protocol, table = study.protocol, []
@@ -263,7 +354,10 @@ def hypotheses(study):
             ]
             lead, other, task = min(leads, key=lambda lead: stats.iqm(lead[0]))
             effect = f"{words(lead)} over {other}, {task}"
-            chance = f"{p[look][each['id']]:.4f}, {look} seeds"
+            still = [id for id, at in decided.items() if at is None or at >= look]
+            adjusted = dict(zip(still, stats.holm([p[look][id] for id in still]), strict=True))
+            corrected = f", corrected {adjusted[each['id']]:.4f}" if each["id"] in adjusted else ""
+            chance = f"{p[look][each['id']]:.4f}{corrected}, {look} seeds"
         decision = decided[each["id"]]
         rest = "not shown" if look == looks[-1] else "open"
         verdict = f"**holds**, at {decision} seeds" if decision else rest
@@ -327,7 +421,11 @@ def lost(returns, config):
         for k in range(regime.start, regime.end)
     ]
     table = stats.regime_table(records, calibrate.random_return(config.env))
-    known = [(row["drop"], 1 - row["area"]) for row in table if row["area"] is not None]
+    known = [
+        (row["drop"], 1 - row["area"])
+        for row in table
+        if row["event"] == "drift" and row["area"] is not None
+    ]
     return np.mean(known, axis=0).tolist() if known else None
 
 
@@ -387,7 +485,9 @@ def held_out(study):
         own = study.protocol.tasks[task]["tuned_on"]
         for pair in LEADS:
             here, there = (study.complete(each, *pair) for each in (own, task))
-            sign = ("open", "the same", "the opposite")[side(here) * side(there)]
+            both = side(here), side(there)
+            sign = {(1, 1): "ahead on both", (-1, -1): "behind on both"}.get(both, "open")
+            sign = sign if both[0] * both[1] != -1 else "the opposite"
             table.append([own, " − ".join(pair), words(here), words(there), sign])
     return ["task", "lead", "its own schedule", "the held-out one", "sign"], table
 
@@ -397,17 +497,19 @@ def per_step(study):
     table = []
     for part in ("oracle", "detected", "held-out"):
         for task, arm in study.runs(part):
-            ours, theirs = (study.curves(task, each) for each in (arm, REFERENCE[part]))
-            seeds = sorted(ours.keys() & theirs.keys())
-            if arm != REFERENCE[part] and seeds:
-                first = study.config(task, arm).regimes[1].start
-                x = [at_equal_steps(ours[seed][first:], theirs[seed][first:]) for seed in seeds]
-                steps = stats.iqm(
-                    [min(np.abs(x[seed][first:]).sum() for x in (ours, theirs)) for seed in seeds]
-                )
+            x = per_step_lead(study, task, arm, REFERENCE[part])
+            if arm != REFERENCE[part] and len(x):
                 both = words(study.difference(task, arm, REFERENCE[part])), words(x)
-                table.append([task, arm, REFERENCE[part], f"{steps:,.0f}", *both])
-    return ["task", "arm", "minus", "steps", "at equal episodes", "at equal steps"], table
+                table.append([task, arm, REFERENCE[part], *both])
+    return ["task", "arm", "minus", "at equal episodes", "at equal steps"], table
+
+
+def per_step_lead(study, task, arm, other):
+    """Arm minus other over equal steps after the first event, on the seeds with stored returns."""
+    first = study.config(task, arm).regimes[1].start
+    ours, theirs = study.curves(task, arm), study.curves(task, other)
+    seeds = sorted(ours.keys() & theirs.keys())
+    return [at_equal_steps(ours[seed][first:], theirs[seed][first:]) for seed in seeds]
 
 
 def at_equal_steps(x, y):
@@ -504,8 +606,18 @@ def tuning(results):
 
 # --- the page and the picture ---------------------------------------------------------------------
 
-TABLES = completeness, hypotheses, predictions, hearing, detection, nulls, held_out, per_step
-PICTURE = "![Learning curves of six arms, and the share of runs above each return](keep.png)\n\n"
+TABLES = completeness, pairs, targets, hypotheses, predictions, hearing
+TABLES += detection, nulls, held_out, per_step
+SHOWN = """Around each reversal of the motor. A thin line is a seed, its mean over two or three
+reversals; the black line is the IQM of all.
+
+![The returns of six agents around the reversals of a motor, all seeds](drifts.png)
+
+Whole runs.
+
+![Learning curves of six arms, and the share of runs above each return](keep.png)
+
+"""
 
 
 def page(study, results):
@@ -523,10 +635,12 @@ def page(study, results):
         .read_text(encoding="utf-8")
         .format(
             here=sys.modules[__name__],
+            lead=Leads(study),
+            first=first_sentence(study),
             question=protocol.content["question"],
             name=protocol.name,
-        protocol=f"[`{protocol.name}`](../../../../benchmarks/keep/{protocol.name})",
-            picture=PICTURE if drawn(study) else "",
+            protocol=f"[`{protocol.name}`](../../../../benchmarks/keep/{protocol.name})",
+            picture=SHOWN if drawings.drawn(study) else "",
             looks=", ".join(map(str, looks["seeds"])),
             error=looks["error"] / len(looks["seeds"]),
             verdicts=verdicts(study),
@@ -553,70 +667,6 @@ def markdown(table):
     return "\n".join(f"| {line} |" for line in cells) if rows else "–"
 
 
-def drawn(study):
-    """{task: arms that can be drawn} of the tasks that have most of them."""
-    found = {
-        task: [arm for arm in DRAWN if study.curves(task, arm)] for task in study.tasks("oracle")
-    }
-    most = max(map(len, found.values()), default=0)
-    return {task: arms for task, arms in found.items() if most and len(arms) == most}
-
-
-def picture(study):
-    """A row per task with drifts: learning curves, and the share of runs above each return."""
-    tasks = drawn(study)
-    with plots.plain():
-        figure = Figure((10.0, 2.8 * len(tasks)), layout="constrained")
-        panels = figure.subplots(len(tasks), 2, width_ratios=(4, 1), squeeze=False)
-        for task, (left, right) in zip(tasks, panels, strict=True):
-            arms = tasks[task]
-            config = study.config(task, arms[0])
-            for regime in config.regimes:
-                if regime.drifted:
-                    left.axvspan(regime.start, regime.end, **plots.SHADE)
-            ends = [curves(study, task, arm, left, right) for arm in arms]
-            low, high = left.get_ylim()
-            left.set(xlim=(0, config.episodes), ylim=(low, high), ylabel="return")
-            heights = plots.apart((np.array(ends) - low) / (high - low), LINE)
-            for arm, height in zip(arms, heights, strict=True):
-                name, place = DRAWN[arm][0], {"transform": left.transAxes}
-                sample = look(study, arm) | {"clip_on": False}
-                left.plot([1.01, 1.045], [height, height], **sample, **place)
-                left.text(1.055, height, name, color=colour(study, arm), **NAME, **place)
-            left.set_title(LABELS[config.env], loc="left", fontsize=11)
-            right.set_title("runs above", loc="left", fontsize=10)
-            right.set(ylim=(0, 1))
-            right.yaxis.set_major_formatter("{x:.0%}")
-            for axes in (left, right):
-                axes.spines[["top", "right"]].set_visible(False)
-        left.set_xlabel(f"episode (grey: drifted physics); means of the last {WINDOW}")
-        right.set_xlabel("mean return")
-    return figure
-
-
-def curves(study, task, arm, left, right):
-    """Draw an arm: every seed and their IQM, and its performance profile; the height of its end."""
-    smooth = np.array([stats.trailing_mean(x, WINDOW) for x in study.curves(task, arm).values()])
-    thick = stats.iqm(smooth, axis=0)
-    episode = np.arange(WINDOW - 1, WINDOW - 1 + len(thick))
-    left.plot(episode, smooth.T, color=colour(study, arm), linewidth=0.4, alpha=0.12)
-    left.plot(episode, thick, **look(study, arm), **plots.THICK)
-    values = np.sort(study.values(task, arm)[0])
-    above = 1 - np.arange(len(values) + 1) / len(values)
-    right.step([*values, values[-1]], above, where="pre", **look(study, arm))
-    return thick[-1]
-
-
-def look(study, arm):
-    """The colour and the line of an arm."""
-    return {"color": colour(study, arm), "linestyle": DRAWN[arm][1]}
-
-
-def colour(study, arm):
-    """The colour of an arm's agent."""
-    return AGENTS[study.protocol.arms[arm]["agent"]].colour
-
-
 def main(arguments=None):
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--protocol", type=Path, default=FILE)
@@ -624,13 +674,7 @@ def main(arguments=None):
     args = parser.parse_args(arguments)
     study = stored(args.results, args.protocol)
     text = page(study, args.results).encode()
-    if drawn(study):
-        drawing = io.BytesIO()
-        with plots.plain():
-            picture(study).savefig(drawing, dpi=plots.DPI)
-        few = Image.open(drawing).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-        save = partial(few.save, format="png", optimize=True)
-        files.write_atomically(args.results / "keep.png", save)
+    drawings.write(study, args.results)
     files.write_atomically(args.results / "README.md", lambda file: file.write(text))
 
 

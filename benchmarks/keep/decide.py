@@ -4,10 +4,22 @@ the README's table.
 python benchmarks/keep/decide.py
 """
 
-from math import inf
 from pathlib import Path
 
-from conclude import hypotheses, interval, markdown, side, signed, stored, words
+from conclude import (
+    TWINS,
+    Leads,
+    first_sentence,
+    hypotheses,
+    interval,
+    markdown,
+    middle,
+    parts,
+    side,
+    signed,
+    stored,
+    words,
+)
 from protocol import FILE
 from study import RESULTS
 
@@ -18,7 +30,6 @@ from gbdqn_ref.schedule import LABELS
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "what_to_keep.md"
 TEXT = Path(__file__).with_name("decision.md")
-TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
 ANSWERING = *TWINS[0], "gb-drop", "reuse-told"
 BEFORE, AFTER = "<!-- written by benchmarks/keep/decide.py -->\n", "<!-- end -->"
 AGENTS = {  # the README's: arm, what it is, what tells it of a drift
@@ -32,7 +43,7 @@ AGENTS = {  # the README's: arm, what it is, what tells it of a drift
 }
 SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which arm, part)
     "the physics changed": [
-        ("keep the network, drop the data", "dqn-drop", "dqn", "oracle"),
+        ("drop the data", "dqn-drop", "dqn", "oracle"),
         ("drop them at the change, not by a window", "dqn-drop", "sliding", "oracle"),
         ("restart Adam too", "dqn-drop-adam", "dqn-drop", "oracle"),
         ("keep the data, freeze the network, add a booster", "plasticity", "dqn", "oracle"),
@@ -44,8 +55,11 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
         ("drop the data, store the network, add a booster", "reuse-told", "dqn-drop", "oracle"),
         ("the same, against the booster alone", "reuse-told", "gb-drop", "oracle"),
     ],
-    "you are told of a change, but nothing changed": [
+    "nothing changes (told of a change, or not)": [
         ("drop the data", "dqn-drop", "dqn-untold", "null"),
+        ("detect, drop the data", "dqn-detected", "dqn-untold", "null"),
+        ("detect, drop, store", "twin-adam", "dqn-untold", "null"),
+        ("detect, drop, store, add a booster", "reuse", "dqn-untold", "null"),
     ],
     "you cannot tell": [
         ("detect, drop the data, against being told", "dqn-detected", "dqn-drop", "detected"),
@@ -53,7 +67,6 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
         ("detect, drop, store, add a booster", "reuse", "dqn-detected", "detected"),
         ("the same, against dropping when told", "reuse", "dqn-drop", "detected"),
         ("the same, on the held-out schedule", "reuse", "dqn-drop", "held-out"),
-        ("the same, where nothing changes", "reuse", "dqn-untold", "null"),
     ],
 }
 
@@ -66,34 +79,10 @@ def table(study):
         for what, arm, other, part in choices:
             suffix = f"-{part}" if part in ("null", "held-out") else ""
             cells = [words(study.complete(env + suffix, arm, other)) for env in envs]
-            rows.append([known, what, *cells, f"`--tasks TASK{suffix} --arms {arm},{other}`"])
+            rows.append([known, what, *cells, f"`again.py TASK{suffix} {arm} {other}`"])
             known = ""
     header = ["you know that", "choice", *map(LABELS.get, envs), "first arm minus second"]
     return header, rows
-
-
-def parts(study, env):
-    """{what it is: difference (seeds,)} of the parts of the recipe, alone and together.
-
-    Of the two agents that store networks, with Adam kept or restarted, the better one counts.
-    """
-
-    def level(twin):
-        (values,) = study.values(env, twin)
-        return stats.iqm(values) if len(values) else -inf
-
-    stores, detects = (max(twins, key=level) for twins in TWINS)
-    pairs = {
-        "stored networks, over DQN that drops its data": (stores, "dqn-drop"),
-        "a booster, over the same": ("gb-drop", "dqn-drop"),
-        "both, over the same": ("reuse-told", "dqn-drop"),
-        "both, over stored networks": ("reuse-told", stores),
-        "both, over a booster": ("reuse-told", "gb-drop"),
-        "detecting: stored networks, over DQN that drops its data": (detects, "dqn-detected"),
-        "detecting: both, over the same": ("reuse", "dqn-detected"),
-        "detecting: both, over stored networks": ("reuse", detects),
-    }
-    return {what: study.complete(env, *pair) for what, pair in pairs.items()}
 
 
 def answer(study):
@@ -112,11 +101,13 @@ def answer(study):
     def cell(x):
         return f"{words(x)}, mean {x.mean():+.1f}" if len(x) else words(x)
 
-    rows = [
+    told = "told: DQN that drops its data, its level"
+    rows = [[told, *(middle(study.values(env, "dqn-drop")[0]) for env in found)]]
+    rows += [
         [what, *(cell(each[what]) for each in found.values())]
         for what in next(iter(found.values()))
     ]
-    table = markdown((["told of the drifts", *map(LABELS.get, found)], rows))
+    table = markdown((["", *map(LABELS.get, found)], rows))
     return signed("\n".join(lines) + "\n\n" + table)
 
 
@@ -177,7 +168,8 @@ def page(study):
             rest.setdefault(mark, []).append(name)
     others = "; ".join(f"{', '.join(names)} {mark}" for mark, names in rest.items()) or "none"
     values = {"answer": answer(study), "table": markdown(table(study)), "others": others}
-    return text.format(hypotheses=len(tested), hold="; ".join(hold) or "none", **values)
+    values |= {"first": first_sentence(study), "lead": Leads(study), "hypotheses": len(tested)}
+    return signed(text.format(hold="; ".join(hold) or "none", **values))
 
 
 def main(arguments=None):
