@@ -276,11 +276,10 @@ def wider(study, agent):
 
 def answer():
     """What the study of ours says first, and its first table, from the page that it wrote."""
-    page = (
-        (FOLDER.parents[1] / "docs" / "what_to_keep.md").read_text(encoding="utf-8").split("\n\n")
-    )
-    first = page[1].partition(" (Arms are compared")[0]
-    return first + "\n\n" + next(each for each in page if each.startswith("| "))
+    page = (FOLDER.parents[1] / "docs" / "what_to_keep.md").read_text(encoding="utf-8")
+    first = re.search(r"(.*) \(Arms are compared", page)[1]
+    table = re.search(r"(?:^[|].*\n)+", page, re.M)[0]
+    return f"{first}\n\n{table}".strip()
 
 
 FIGURES = {  # name in text.md: what gives it
