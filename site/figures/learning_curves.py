@@ -14,16 +14,21 @@ from matplotlib.ticker import MaxNLocator
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "keep"))
 
 import conclude
-from conclude import DRAWN, colour, interval, signed, words
-from study import WINDOW
+from conclude import interval, signed, words
+from drawings import DRAWN, colour
 
 from gbdqn_ref import stats
 from gbdqn_ref.schedule import LABELS
+from gbdqn_ref.stats import WINDOW
 
 EVERY = 5  # episodes from point to point
 OPENING = "reuse", "gbdqn", "dqn"
 TWINS = "twin", "twin-adam"  # reuse without boosters
-NAMED = DRAWN | {"twin": ("DQN-reuse (Adam kept)", ":"), "sliding": ("Sliding-DQN", "-")}
+NAMED = DRAWN | {
+    "twin": ("DQN-reuse (Adam kept)", ":"),
+    "twin-adam": ("DQN-reuse", "-."),
+    "sliding": ("Sliding-DQN", "-"),
+}
 ARMS = {arm: NAMED[arm] for arm in (*OPENING, *TWINS, "dqn-detected", "sliding")}
 DASHES = {"-": "none", "--": "7 4", "-.": "9 3 2 3", ":": "2 3"}  # of a line's style, as SVG has it
 ANSWERS = "with", "without", "undecided"  # which twin may be ahead
