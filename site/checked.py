@@ -131,17 +131,13 @@ def plain(heading):
 
 def equation(name):
     """An equation or theorem: the formula, what computes it, and its claims."""
-    place, here = (
-        ledger.PLACES[name],
-        [row for row in rows() if name in ledger.markers(row["place"])],
-    )
+    place, markers = ledger.PLACES[name], ledger.markers
+    here = [row for row in rows() if name in markers(row["place"])]
     text = f"({anchor(place)})=\n## {place}: {EQUATIONS[name]['title']}\n\n"
     if formula := EQUATIONS[name].get("formula"):
         text += f"$$\n{formula}\n$$\n\n"
     uses = dict.fromkeys(f"`{each}`" for row in here for each in row.get("uses", []))
-    course = {
-        stem: treated(stem, title) for stem, title, _ in headed() if name in ledger.markers(title)
-    }
+    course = {stem: treated(stem, title) for stem, title, _ in headed() if name in markers(title)}
     text += f"- Functions: {', '.join(uses)}\n"
     text += f"- The course: {', '.join(course.values())}\n" if course else ""
     text += "- Claims: " + ", ".join(f"{row['id']} {badge(row['verdict'])}" for row in here)

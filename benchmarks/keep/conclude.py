@@ -1,4 +1,4 @@
-"""Draw the conclusions of the study from its stored rows: one page and one picture.
+"""Draw the conclusions of the study from its stored rows: one page and two pictures.
 
     python benchmarks/keep/conclude.py
 
@@ -50,6 +50,7 @@ HEARING = {  # an arm, and the same arm that is told, or gets its alarms at rand
     "reuse": ("reuse-told", "reuse-random"),
 }
 TWINS = ("twin-told", "twin-told-adam"), ("twin", "twin-adam")  # Adam kept, or restarted
+STORES = "stored networks, over DQN that drops its data"
 DATA = ("dqn-drop", "dqn")  # P1: what is changed, with and without
 NETWORK = [
     ("plasticity", "dqn"),
@@ -240,12 +241,12 @@ def parts(study, env):
 
     stores, detects = (max(twins, key=level) for twins in TWINS)
     pairs = {
-        "told: stored networks, over DQN that drops its data": (stores, "dqn-drop"),
+        f"told: {STORES}": (stores, "dqn-drop"),
         "told: a booster, over the same": ("gb-drop", "dqn-drop"),
         "told: both, over the same": ("reuse-told", "dqn-drop"),
         "told: both, over stored networks": ("reuse-told", stores),
         "told: both, over a booster": ("reuse-told", "gb-drop"),
-        "detecting: stored networks, over DQN that drops its data": (detects, "dqn-detected"),
+        f"detecting: {STORES}": (detects, "dqn-detected"),
         "detecting: both, over the same": ("reuse", "dqn-detected"),
         "detecting: both, over stored networks": ("reuse", detects),
     }
@@ -253,23 +254,24 @@ def parts(study, env):
 
 
 def first_sentence(study):
-    """On which tasks boosting adds to reuse, with the drifts told and with them detected."""
-    says = {
-        (1, 1): "boosting adds to reuse, with the drifts told and with them detected",
-        (1, 0): "it is shown to where the agent is told, and not where it detects",
-        (0, 1): "it is shown to where the agent detects, and not where it is told",
-        (0, 0): "it is not shown to",
-    }
-    found = {}
+    """What boosting does to reuse on each task, with the drifts told and with them detected."""
+    does = {1: "adds to reuse", 0: "is not shown to add to reuse", -1: "takes from reuse"}
+    clauses = []
     for env in study.tasks("oracle"):
-        both = parts(study, env)
-        adds = [both[f"{how}: both, over stored networks"] for how in ("told", "detecting")]
-        if all(map(len, adds)):
-            sides = tuple(map(side, adds))
-            word = says.get(sides, "reuse, not boosting, gains: boosting takes from it")
-            found.setdefault(word, []).append(LABELS[env])
-    order = sorted(found, key=lambda word: [*says.values(), word].index(word))
-    clauses = [f"on {' and '.join(found[word])} {word}" for word in order]
+        found = parts(study, env)
+        both, stores = (
+            [found[f"{how}: {what}"] for how in ("told", "detecting")]
+            for what in ("both, over stored networks", STORES)
+        )
+        if all(map(len, both)):
+            told, detecting = map(side, both)
+            clause = f"boosting {does[told]} where the agent is told, and {does[detecting]}"
+            clause += " where it detects"
+            if told == detecting:
+                clause = f"boosting {does[told]}, whether the agent is told or detects"
+            if 1 not in (told, detecting) and all(side(x) == 1 for x in stores):
+                clause = f"reuse, not boosting, gains: {clause}"
+            clauses.append(f"on {LABELS[env]} {clause}")
     text = "; ".join(clauses)
     return f"{text[:1].upper()}{text[1:]}." if text else "No task is complete yet."
 
@@ -461,7 +463,7 @@ def detection(study):
 
 def nulls(study):
     """What each arm gains or loses where nothing changes, in percent of the span of its task."""
-    table, reference = [], REFERENCE["null"]
+    table, reference = [], study.reference["null"]
     for task, arm in study.runs("null"):
         x = study.difference(task, arm, reference)
         if arm != reference and len(x):
@@ -485,11 +487,21 @@ def held_out(study):
         own = study.protocol.tasks[task]["tuned_on"]
         for pair in LEADS:
             here, there = (study.complete(each, *pair) for each in (own, task))
-            both = side(here), side(there)
-            sign = {(1, 1): "ahead on both", (-1, -1): "behind on both"}.get(both, "open")
-            sign = sign if both[0] * both[1] != -1 else "the opposite"
+            signs = {(1, 1): "ahead on both", (-1, -1): "behind on both"}
+            signs |= dict.fromkeys([(1, -1), (-1, 1)], "the opposite")
+            sign = signs.get((side(here), side(there)), "open")
             table.append([own, " − ".join(pair), words(here), words(there), sign])
     return ["task", "lead", "its own schedule", "the held-out one", "sign"], table
+
+
+def idle(study, arm):
+    """How many of an arm's runs on MountainCar have learnt nothing just before the first drift."""
+    curves = study.curves("mountaincar", arm).values()
+    if not curves:
+        return "none"
+    start = study.config("mountaincar", arm).regimes[1].start
+    floor = calibrate.random_return("mountaincar") + 0.5
+    return f"{sum(x[start - FINAL : start].mean() <= floor for x in curves)} of {len(curves)}"
 
 
 def per_step(study):
@@ -497,10 +509,10 @@ def per_step(study):
     table = []
     for part in ("oracle", "detected", "held-out"):
         for task, arm in study.runs(part):
-            x = per_step_lead(study, task, arm, REFERENCE[part])
-            if arm != REFERENCE[part] and len(x):
-                both = words(study.difference(task, arm, REFERENCE[part])), words(x)
-                table.append([task, arm, REFERENCE[part], *both])
+            x = per_step_lead(study, task, arm, study.reference[part])
+            if arm != study.reference[part] and len(x):
+                both = words(study.difference(task, arm, study.reference[part])), words(x)
+                table.append([task, arm, study.reference[part], *both])
     return ["task", "arm", "minus", "at equal episodes", "at equal steps"], table
 
 
@@ -630,26 +642,24 @@ def page(study, results):
         if study.arms(task, part)
     }
     by_task = {f"{task}, arm by arm": adaptation(study, task) for task in study.tasks("oracle")}
-    text = (
-        (TEXT if protocol.hypotheses else EXPLORATORY)
-        .read_text(encoding="utf-8")
-        .format(
-            here=sys.modules[__name__],
-            lead=Leads(study),
-            first=first_sentence(study),
-            question=protocol.content["question"],
-            name=protocol.name,
-            protocol=f"[`{protocol.name}`](../../../../benchmarks/keep/{protocol.name})",
-            picture=SHOWN if drawings.drawn(study) else "",
-            looks=", ".join(map(str, looks["seeds"])),
-            error=looks["error"] / len(looks["seeds"]),
-            verdicts=verdicts(study),
-            definitions=markdown(definitions(protocol)),
-            arms=sections(by_part),
-            adaptation=sections(by_task),
-            tuning=markdown(tuning(results)),
-            **{table.__name__: markdown(table(study)) for table in TABLES},
-        )
+    template = TEXT if protocol.hypotheses else EXPLORATORY
+    text = template.read_text(encoding="utf-8").format(
+        here=sys.modules[__name__],
+        lead=Leads(study),
+        idle={arm: idle(study, arm) for arm in ("reuse-told", "twin-told", "dqn-drop")},
+        first=first_sentence(study),
+        question=protocol.content["question"],
+        name=protocol.name,
+        protocol=f"[`{protocol.name}`](../../../../benchmarks/keep/{protocol.name})",
+        picture=SHOWN if drawings.drawn(study) else "",
+        looks=", ".join(map(str, looks["seeds"])),
+        error=looks["error"] / len(looks["seeds"]),
+        verdicts=verdicts(study),
+        definitions=markdown(definitions(protocol)),
+        arms=sections(by_part),
+        adaptation=sections(by_task),
+        tuning=markdown(tuning(results)),
+        **{table.__name__: markdown(table(study)) for table in TABLES},
     )
     return signed(text)
 

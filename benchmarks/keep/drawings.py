@@ -20,7 +20,7 @@ DRAWN = {  # arm: its name in the picture, and its line
     "gbdqn": ("GB-DQN (paper)", "-"),
     "sliding": ("Sliding-DQN", ":"),
     "dqn-detected": ("DQN, data dropped", "--"),
-    "twin": ("DQN-reuse", "-."),
+    "twin": ("DQN-reuse, Adam kept", "-."),
     "reuse": ("GB-DQN-reuse", "-."),
 }
 

@@ -23,12 +23,8 @@ from gbdqn_ref.stats import WINDOW
 
 EVERY = 5  # episodes from point to point
 OPENING = "reuse", "gbdqn", "dqn"
-TWINS = "twin", "twin-adam"  # reuse without boosters
-NAMED = DRAWN | {
-    "twin": ("DQN-reuse (Adam kept)", ":"),
-    "twin-adam": ("DQN-reuse", "-."),
-    "sliding": ("Sliding-DQN", "-"),
-}
+_, TWINS = conclude.TWINS  # that detect: reuse without boosters
+NAMED = DRAWN | {"twin-adam": ("DQN-reuse", ":")}
 ARMS = {arm: NAMED[arm] for arm in (*OPENING, *TWINS, "dqn-detected", "sliding")}
 DASHES = {"-": "none", "--": "7 4", "-.": "9 3 2 3", ":": "2 3"}  # of a line's style, as SVG has it
 ANSWERS = "with", "without", "undecided"  # which twin may be ahead
