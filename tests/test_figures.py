@@ -569,12 +569,12 @@ def test_the_curves_tell_ask_and_obey(open_page):
     answer = curves.answer(study, task, curves.arms(study)[task])
     (_, end), *_ = curves.drifted(study.config(task, "reuse"))
     assert words(page).startswith(f"Episode {end - 1}, motor reversed.")
-    assert "GB-DQN (paper)" in words(page) and "DQN-reuse (Adam kept)" not in words(page)
+    assert "GB-DQN (paper)" in words(page) and "DQN-reuse, Adam kept" not in words(page)
     press(page, answer["right"])
     assert page.inner_text("[data-verdict]") == f"Right. {answer['why']}"
-    assert "DQN-reuse (Adam kept)" in words(page) and "GB-DQN (paper)" not in words(page)
+    assert "DQN-reuse, Adam kept" in words(page) and "GB-DQN (paper)" not in words(page)
     press(page, "Reset")
-    assert "GB-DQN (paper)" in words(page) and "DQN-reuse (Adam kept)" not in words(page)
+    assert "GB-DQN (paper)" in words(page) and "DQN-reuse, Adam kept" not in words(page)
     for name in ("GB-DQN-reuse", "GB-DQN (paper)", "DQN"):
         press(page, name)
     assert words(page).endswith("No agent is switched on.")
@@ -605,7 +605,7 @@ def test_the_curves_of_several_tasks(open_page):
     assert "GB-DQN (paper)" in words(page) and "; DQN " not in words(page)  # Acrobot's is missing
     assert page.get_by_role("button", name="DQN", exact=True).is_disabled()
     page.get_by_role("radio", name="CartPole").check()
-    assert page.get_by_role("button", name="DQN-reuse (Adam kept)").is_disabled()
+    assert page.get_by_role("button", name="DQN-reuse, Adam kept").is_disabled()
     slide(page, "episode", "End")
     assert words(page).startswith("Episode 599, motor right.") and "DQN" in words(page)
     press(page, "without")

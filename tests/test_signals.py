@@ -39,9 +39,14 @@ SHORT = flags(**SMALL | dict(episodes=60))
 
 
 def started(name, out, *settings):
-    """Start the command in its own process group."""
+    """Start the command in its own process group.
+
+    A signal between a file's open() and its `with` leaves the file to Python, which closes it and
+    then warns of it, unless told otherwise as it is for users.
+    """
+    start = "-W", "ignore::ResourceWarning", "-m", "gbdqn_ref"
     return subprocess.Popen(
-        command(*COMMANDS[name], *settings, "--out", out),
+        command(*COMMANDS[name], *settings, "--out", out, start=start),
         env=environ(),
         start_new_session=True,
         stdout=subprocess.DEVNULL,
