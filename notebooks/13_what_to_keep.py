@@ -494,8 +494,8 @@ assert max(told, by_alarm, by_change) < 60 < loose
 # %% [markdown]
 # ## What the study found
 #
-# The ten rooms have a table, and a world that is relearnt in a few dozen episodes. Does
-# it hold with networks, where old physics return on MountainCar, Acrobot and CartPole?
+# The ten rooms have a table, and are relearnt in a few dozen episodes. Does it hold with
+# networks, where old physics return on MountainCar, Acrobot and CartPole?
 # [The study](../benchmarks/keep/README.md) asks this. Its
 # [protocol](../benchmarks/keep/protocol.toml) was committed before the first reported
 # run: eight hypotheses, one measure (the mean return after the first event), equal
@@ -535,10 +535,9 @@ for task in dict.fromkeys(task for task, _ in stored):
 # Acrobot it is behind: an alarm comes some five episodes late, at 500 steps each.
 #
 # Which differences are more than chance? The table has what each choice gains, by what
-# you know ([all arms](../paper_checks/results/keep/README.md#arms)): differences on the
-# same seeds, with 95 % intervals. One that contains 0 shows neither a difference nor
-# that there is none. They are not corrected for their number; the hypotheses are. A
-# dash stands where runs are missing.
+# you know: differences on the same seeds, with 95 % intervals. One that contains 0
+# shows neither a difference nor that there is none. They are not corrected for their
+# number; the hypotheses are. A dash stands where runs are missing.
 
 # %%
 page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
