@@ -5,6 +5,7 @@ import json
 import re
 import sys
 import tomllib
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -432,9 +433,8 @@ def test_the_page_of_an_exploratory_protocol(name):
     assert text == conclude.page(study, results)
     assert text.startswith(f"# {study.protocol.content['question']}\n")
     assert "Exploratory" in text and "Hypotheses" not in text
-    (task,) = study.protocol.tasks
     told = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")
-    for arm in study.protocol.arms:
+    for task, arm in product(study.protocol.tasks, study.protocol.arms):
         level = conclude.signed(conclude.middle(study.values(task, arm)[0]))
         assert f"| {arm} | {level} |" in text
         if arm != study.reference["oracle"]:
