@@ -546,6 +546,8 @@ def predictions(study):
         for id, larger, smaller, x, y in contrasts(study, task):
             verdict = ("open", "holds", "fails")[side(x - y) if len(x) >= enough else 0]
             both = [f"{name}: {words(z)}" for name, z in ((larger, x), (smaller, y))]
+            if id == "P2":  # numbers of episodes, and no differences
+                both = [each.replace("+", "") for each in both]
             table.append([f"`{id}`", task, *both, words(x - y), verdict])
     return ["", "task", "said to be larger", "than", "difference", "verdict"], table
 
