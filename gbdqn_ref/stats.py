@@ -105,7 +105,7 @@ def iqm(x: ArrayLike, axis: int = -1) -> Any:
     n = x.shape[axis]
     edges = np.arange(n + 1) / n
     weight = np.diff(edges.clip(0.25, 0.75)) * 2
-    return (np.moveaxis(x, axis, -1) * weight).sum(-1)  # no BLAS: its last bits are the machine's
+    return (np.moveaxis(x, axis, -1) * weight).sum(-1)  # BLAS would round as the machine does
 
 
 def bootstrap_interval(
