@@ -3,6 +3,8 @@
 import ledger
 import page
 
+FIGURES = {}  # id: {test: figure} of the tests that ran, in whichever process
+
 
 def pytest_addoption(parser):
     parser.addoption(
@@ -30,14 +32,21 @@ def pytest_runtest_setup(item):
     ledger.current = item
 
 
+def pytest_runtest_logreport(report):
+    for name, value in report.user_properties:
+        if name == "figure":
+            id, test, figure = value
+            FIGURES.setdefault(id, {})[test] = figure
+
+
 def pytest_terminal_summary(terminalreporter, config):
-    if ledger.FIGURES:
+    if FIGURES:
         terminalreporter.section("the ledger: is the paper right?")
-    for id in sorted(ledger.FIGURES, key=ledger.position):
-        claim, figures = ledger.CLAIMS[id], "; ".join(ledger.FIGURES[id].values())
+    for id in sorted(FIGURES, key=ledger.position):
+        claim, figures = ledger.CLAIMS[id], "; ".join(FIGURES[id].values())
         terminalreporter.write_line(
             f"{id:5} {claim['place']:24} {claim['verdict']}\n{'':30} {figures}"
         )
-    if ledger.FIGURES and config.getoption("--ledger"):
-        page.write(ledger.FIGURES)
+    if FIGURES and config.getoption("--ledger"):
+        page.write(FIGURES)
         terminalreporter.write_line(f"written to {page.PAGE}")

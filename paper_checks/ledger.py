@@ -77,7 +77,6 @@ GLYPHS = {"1/2": "½", "1/4": "¼", "3/4": "¾"}
 LETTERS = "".join(group for group in GROUPS if len(group) == 1)
 ID = re.compile(rf"\b(?:T\d-[a-z]|[{LETTERS}]\d+)\b")
 CHECKS = {}  # (id, kind, file, test): Check, filled by the marks
-FIGURES = {}  # id: {test: figure} of the tests that ran
 current = None  # the test that runs, set by conftest
 
 
@@ -186,7 +185,7 @@ def shows(template, *values):
     """
     id = current.get_closest_marker("claim").args[0]
     test, figure = current.originalname.removeprefix("test_"), Figure().format(template, *values)
-    FIGURES.setdefault(id, {})[test] = figure
+    current.user_properties.append(("figure", (id, test, figure)))
     if not current.config.getoption("--ledger"):
         known = committed().get(id, {"figures": {}})["figures"].get(test)
         assert known == figure, "ledger.json has another figure; write it with --ledger"

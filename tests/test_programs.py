@@ -18,7 +18,7 @@ import plant
 import reruns
 
 ROOT = Path(__file__).parent.parent
-WRITTEN = "notebooks", "paper_checks", "site"  # where the programs write
+WRITTEN = "notebooks", "paper_checks", "site/figures"  # where the programs write
 PROGRAMS = {  # program: {arguments that it refuses: a word of the refusal}
     "notebooks/render.py": {("nosuch",): "'nosuch'", ("",): "''", ("--all",): "--all"},
     "paper_checks/curves.py": {
