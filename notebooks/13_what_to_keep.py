@@ -537,7 +537,7 @@ for task in dict.fromkeys(task for task, _ in stored):
 # Which differences are more than chance? The table has what each choice gains, by what
 # you know: differences on the same seeds, with 95 % intervals. One that contains 0
 # shows neither a difference nor that there is none. They are not corrected for their
-# number; the hypotheses are. A dash stands where runs are missing.
+# number; the hypotheses are.
 
 # %%
 page = (ROOT / "docs/what_to_keep.md").read_text(encoding="utf-8")
