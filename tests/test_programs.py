@@ -3,6 +3,7 @@
 import json
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -135,3 +136,12 @@ def test_a_study_is_stored_compactly(tmp_path, monkeypatch):
     (tmp_path / "results.json").write_text(json.dumps(json.loads(STORED), indent=2))
     reruns.main(["acrobot", str(tmp_path)])
     assert (tmp_path / "acrobot.json").read_bytes() == before
+
+
+def test_the_ledger_shows_the_figures_of_every_process():
+    """Of two files that are checked side by side."""
+    command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile"]
+    files = ["paper_checks/test_edges.py", "paper_checks/test_readings.py"]
+    done = subprocess.run(command + files, cwd=ROOT, capture_output=True, text=True)
+    for id in "T1-h", "M3":
+        assert re.search(rf"^{id} .*\n +\S", done.stdout, re.MULTILINE), done.stdout
