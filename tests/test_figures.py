@@ -257,7 +257,8 @@ def browser():
     if not CHROMIUM:
         pytest.skip("needs Chromium")
     with sync_api.sync_playwright() as playwright:
-        options = dict(executable_path=CHROMIUM, args=["--no-sandbox"])
+        still = "--disable-features=OverscrollHistoryNavigation"  # a swipe would leave the page
+        options = dict(executable_path=CHROMIUM, args=["--no-sandbox", still])
         browser = playwright.chromium.launch(**options)
         yield browser
         browser.close()
@@ -288,6 +289,7 @@ def open_page(browser, site):
         )
         contexts.append(context)
         page = context.new_page()
+        page.set_default_timeout(180_000)  # ms, for a busy machine
         page.on("console", lambda message: wrong.append(message.text))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         local = site.as_uri()
