@@ -257,8 +257,7 @@ def browser():
     if not CHROMIUM:
         pytest.skip("needs Chromium")
     with sync_api.sync_playwright() as playwright:
-        still = "--disable-features=OverscrollHistoryNavigation"  # a swipe would leave the page
-        options = dict(executable_path=CHROMIUM, args=["--no-sandbox", still])
+        options = dict(executable_path=CHROMIUM, args=["--no-sandbox"])
         browser = playwright.chromium.launch(**options)
         yield browser
         browser.close()
@@ -517,6 +516,9 @@ def test_the_booster_can_be_dragged(open_page, touch):
             ("touchEnd", []),
         ):
             client.send("Input.dispatchTouchEvent", dict(type=kind, touchPoints=points))
+        touch_start = "new Event('touchstart', {cancelable: true})"
+        goes_on = page.locator(".grip").evaluate(f"grip => grip.dispatchEvent({touch_start})")
+        assert not goes_on, "the browser may take the swipe for its own, and go back"
     else:
         page.mouse.move(x, y)
         page.mouse.down()

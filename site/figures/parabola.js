@@ -122,6 +122,8 @@ live.figure("parabola", (root, state) => {
       if (node.hasPointerCapture(event.pointerId)) move(where(svg, event));
     });
   };
+  // Without this a swipe to the right may leave the page: a browser takes it for "back".
+  grip.addEventListener("touchstart", (event) => event.preventDefault(), { passive: false });
   drag(grip, left, (point) => {
     const x = (point.x - O[0]) / UNIT, y = (O[1] - point.y) / UNIT;
     state.set("angle", hold((Math.atan2(Math.max(y, 0), x) * 180) / Math.PI, "angle"));
