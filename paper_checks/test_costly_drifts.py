@@ -20,9 +20,10 @@ from gbdqn_ref.schedule import LABELS
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import calibrate
 import conclude
+import evidence
 from study import RESULTS
 
-STUDY = conclude.stored()
+STUDY = evidence.stored()
 
 
 def leads(arm, other):
@@ -33,13 +34,13 @@ def leads(arm, other):
 
 def parts(what):
     """{task: the difference (seeds,)} of a row of the answer."""
-    found = {task: conclude.parts(STUDY, task)[what] for task in STUDY.tasks("oracle")}
+    found = {task: evidence.parts(STUDY, task)[what] for task in STUDY.tasks("oracle")}
     return {task: x for task, x in found.items() if len(x)}
 
 
 def above(x):
     """Whether the 95 % interval of a lead lies above 0."""
-    return conclude.interval(x)[0] > 0
+    return evidence.interval(x)[0] > 0
 
 
 def shown_on(found):
@@ -54,7 +55,7 @@ def everywhere(found):
 
 def said(found):
     """The leads in words, task by task."""
-    return ", ".join(f"{LABELS[task]} {conclude.words(x)}" for task, x in found.items())
+    return ", ".join(f"{LABELS[task]} {evidence.words(x)}" for task, x in found.items())
 
 
 SHIFTED = np.linspace(-1, 1, 20)  # twenty differences around 0
@@ -134,7 +135,7 @@ def test_beside_stored_networks():
     told = parts("told: both, over stored networks")
     detecting = parts("detecting: both, over stored networks")
     assert shown_on(told) == {"acrobot", "mountaincar"} and shown_on(detecting) == {"mountaincar"}
-    assert conclude.side(told["cartpole"]) == conclude.side(detecting["cartpole"]) == -1
+    assert evidence.side(told["cartpole"]) == evidence.side(detecting["cartpole"]) == -1
     shows("{}; detecting them {}", said(told), said(detecting))
 
 

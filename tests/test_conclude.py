@@ -20,6 +20,7 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks" / "keep"))
 import conclude
 import decide
 import drawings
+import evidence
 from protocol import Protocol, settings_hash
 from study import RESULTS, Store, chosen
 
@@ -48,7 +49,7 @@ def study_of(arms, task=CAR, returns=None):
     }
     protocol = Protocol(tuned=TUNED)
     returns = {task: returns or {}}
-    return conclude.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
+    return evidence.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
 
 
 def level(value, n=20):
@@ -64,14 +65,18 @@ def cells(table, *key):
 
 
 def test_the_examples_in_the_docstrings():
-    assert doctest.testmod(conclude) == (0, 4) and doctest.testmod(decide) == (0, 3)
+    assert [doctest.testmod(each) for each in (evidence, conclude, decide)] == [
+        (0, 3),
+        (0, 1),
+        (0, 3),
+    ]
 
 
 def test_exact_intervals_by_hand():
     """None of n: 1 − .025^(1/n). 3 of 20: the tail on each side has 2.5 %."""
-    assert conclude.exact_interval(0, 20) == pytest.approx((0, 1 - 0.025 ** (1 / 20)))
-    assert conclude.exact_interval(20, 20) == pytest.approx((0.025 ** (1 / 20), 1))
-    assert conclude.exact_interval(3, 20) == pytest.approx((0.0321, 0.3789), abs=1e-4)
+    assert evidence.exact_interval(0, 20) == pytest.approx((0, 1 - 0.025 ** (1 / 20)))
+    assert evidence.exact_interval(20, 20) == pytest.approx((0.025 ** (1 / 20), 1))
+    assert evidence.exact_interval(3, 20) == pytest.approx((0.0321, 0.3789), abs=1e-4)
 
 
 # --- hypotheses -----------------------------------------------------------------------------------
@@ -348,7 +353,7 @@ def test_a_page_of_a_study_that_is_under_way(stored):
 
 
 def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
-    study = conclude.stored(stored)
+    study = evidence.stored(stored)
     figure = drawings.picture(study)
     left, right = figure.axes
     assert {text.get_text() for text in left.texts} == {"DQN", "GB-DQN-reuse"}
@@ -366,7 +371,7 @@ def test_the_picture_has_a_row_per_task_and_names_every_arm(stored):
 
 def test_around_a_reversal_every_seed_is_drawn(stored):
     """MountainCar's motor is reversed in episodes 250 and 450."""
-    study = conclude.stored(stored)
+    study = evidence.stored(stored)
     figure = drawings.around(study)
     assert [axes.get_title("left") for axes in figure.axes] == ["DQN", "GB-DQN-reuse"]
     for axes in figure.axes:
@@ -415,7 +420,7 @@ def test_the_stored_page_is_what_the_program_writes():
     if not (RESULTS / "rows.jsonl").exists():
         assert not page.exists() and not picture.exists() and not decide.PAGE.exists()
         return
-    study = conclude.stored()
+    study = evidence.stored()
     assert page.read_text(encoding="utf-8") == conclude.page(study, RESULTS)
     for drawing in (picture, picture.with_name("drifts.png")):
         assert drawing.stat().st_size <= 300_000
@@ -428,23 +433,23 @@ def test_the_stored_page_is_what_the_program_writes():
 def test_the_page_of_an_exploratory_protocol(name):
     """It tests nothing, and says so."""
     results = RESULTS / name
-    study = conclude.stored(results, conclude.FILE.with_name(f"{name}.toml"))
+    study = evidence.stored(results, conclude.FILE.with_name(f"{name}.toml"))
     text = (results / "README.md").read_text(encoding="utf-8")
     assert text == conclude.page(study, results)
     assert text.startswith(f"# {study.protocol.content['question']}\n")
     assert "Exploratory" in text and "Hypotheses" not in text
     told = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")
     for task, arm in product(study.protocol.tasks, study.protocol.arms):
-        level = conclude.signed(conclude.middle(study.values(task, arm)[0]))
+        level = evidence.signed(evidence.middle(study.values(task, arm)[0]))
         assert f"| {arm} | {level} |" in text
         if arm != study.reference["oracle"]:
-            apart = conclude.words(study.difference(task, arm, study.reference["oracle"]))
+            apart = evidence.words(study.difference(task, arm, study.reference["oracle"]))
             assert apart in text and apart in told
 
 
 def test_the_ledger_says_which_tasks_its_verdicts_rest_on():
     """A task whose runs become complete asks for its rows to be read again."""
-    study = conclude.stored()
+    study = evidence.stored()
     complete = [
         LABELS[task]
         for task in study.tasks("oracle")
@@ -477,7 +482,7 @@ def test_the_answer_is_against_the_better_twin(told, adam, reuse, answer):
         each["value"] += (-1) ** k * 0.5
     found = decide.answer(study_of(arms))
     assert found.startswith(f"- **MountainCar.** {answer}.\n\n|  | MountainCar |")
-    lead = conclude.words(np.full(20, float(reuse - max(told, adam))))
+    lead = evidence.words(np.full(20, float(reuse - max(told, adam))))
     assert f"| told: both, over stored networks | {lead}, mean " in found
     assert "| told: a booster, over the same | +3.0 [+2.5, +3.5], mean +3.0 |" in found
     assert "| detecting: both, over stored networks | +3.0 [+3.0, +3.0], mean +3.0 |" in found
@@ -510,7 +515,7 @@ def test_a_gain_is_not_given_to_reuse_where_only_others_are_shown(boost, both, a
     ],
 )
 def test_the_first_sentence_says_where_boosting_adds_to_reuse(told, detecting, says):
-    twins = dict.fromkeys([*conclude.TWINS[0], *conclude.TWINS[1]], -150)
+    twins = dict.fromkeys([*evidence.TWINS[0], *evidence.TWINS[1]], -150)
     arms = twins | {"dqn-drop": -170, "reuse-told": -150 + told, "reuse": -150 + detecting}
     arms["dqn-detected"] = -170
     words = dict(
@@ -521,9 +526,9 @@ def test_the_first_sentence_says_where_boosting_adds_to_reuse(told, detecting, s
     for arm, lead in (("reuse-told", told), ("reuse", detecting)):
         for k, each in enumerate(arms[arm]):
             each["value"] += (-1) ** k * (lead == 0)  # else a lead of 0 has no interval
-    assert conclude.first_sentence(study_of(arms)) == f"On MountainCar {says}."
+    assert evidence.first_sentence(study_of(arms)) == f"On MountainCar {says}."
     del arms["reuse"]
-    assert conclude.first_sentence(study_of(arms)) == "No task is complete yet."
+    assert evidence.first_sentence(study_of(arms)) == "No task is complete yet."
 
 
 def test_a_target_is_met_by_the_smallest_lead_or_missed_with_a_reason():
@@ -549,13 +554,13 @@ def test_a_target_that_is_missed_has_its_reason(monkeypatch):
 
 def test_what_the_answer_says_of_two_hypotheses():
     """That boosting adds to reuse on MountainCar is shown where the agent detects, and not told."""
-    _, rows = conclude.hypotheses(conclude.stored())
+    _, rows = conclude.hypotheses(evidence.stored())
     marks = {id: mark for id, *_, mark in rows}
     assert marks["H2"] == "not shown" and "holds" in marks["H7"]
 
 
 def test_every_target_is_measured():
-    _, rows = conclude.targets(conclude.stored())
+    _, rows = conclude.targets(evidence.stored())
     assert len(rows) == len(conclude.TARGETS)
 
 
@@ -565,13 +570,13 @@ def test_the_leads_that_decide_have_all_their_measures():
     _, ((task, lead, *measured),) = conclude.pairs(study_of(arms))
     assert (task, lead) == (CAR, "dqn-drop − dqn")
     ends = [f"{x} [{x}, {x}]" for x in ("+40.0", "−4.0", "+40.0")]
-    assert [conclude.signed(each) for each in measured] == [*ends, "–", "1.00"]
+    assert [evidence.signed(each) for each in measured] == [*ends, "–", "1.00"]
 
 
 def test_a_text_has_the_difference_that_it_names():
     study = study_of({"dqn": level(-190), "dqn-drop": level(-150)})
     text = "({lead:mountaincar dqn-drop dqn}, {lead:mountaincar dqn-drop dqn final})"
-    found = text.format(lead=conclude.Leads(study))
+    found = text.format(lead=evidence.Leads(study))
     assert found == "(+40.0 [+40.0, +40.0], +40.0 [+40.0, +40.0])"
 
 

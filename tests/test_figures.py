@@ -190,8 +190,8 @@ def three_tasks():
         if arm == "reuse" and task != "mountaincar":
             value = dict(acrobot=-100.0, cartpole=-200.0)[task] + seed / 10_000
             rows[task, arm, seed] = rows[task, arm, seed] | dict(value=value)
-    protocol = curves.conclude.Protocol(tuned=tuned)
-    return curves.conclude.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
+    protocol = curves.evidence.Protocol(tuned=tuned)
+    return curves.evidence.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
 
 
 def shown(study):

@@ -28,6 +28,7 @@ import calibrate  # noqa: E402
 import cartpole  # noqa: E402
 import conclude  # noqa: E402
 import decide  # noqa: E402
+import evidence  # noqa: E402
 import forgetting  # noqa: E402
 import study  # noqa: E402
 from protocol import Protocol  # noqa: E402
@@ -110,7 +111,7 @@ def test_a_figure_of_the_answer_is_run_again(tmp_path, tiny, capsys):
     rows = (tmp_path / "out" / "results" / "rows.jsonl").read_text(encoding="utf-8").splitlines()
     value = {(row["arm"], row["seed"]): row["value"] for row in map(json.loads, rows)}
     leads = np.array([value["detects", k] - value["drop", k] for k in (2000, 2001)])
-    said = f"mini: detects minus drop: {conclude.words(leads)}, 2 seeds\n"
+    said = f"mini: detects minus drop: {evidence.words(leads)}, 2 seeds\n"
     assert capsys.readouterr().out == said
 
 

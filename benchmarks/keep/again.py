@@ -9,7 +9,7 @@ same command goes on where it was stopped.
 from pathlib import Path
 
 import study
-from conclude import stored, words
+from evidence import stored, words
 from protocol import FILE, count
 
 from gbdqn_ref.__main__ import Parser, program

@@ -6,11 +6,11 @@ python benchmarks/keep/decide.py
 
 from pathlib import Path
 
-from conclude import (
+from conclude import hypotheses
+from evidence import (
     TWINS,
     Leads,
     first_sentence,
-    hypotheses,
     interval,
     markdown,
     middle,

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "keep"))
 
-import conclude
-from conclude import interval, signed, words
+import evidence
 from drawings import DRAWN, colour
+from evidence import interval, signed, words
 
 from gbdqn_ref import stats
 from gbdqn_ref.schedule import LABELS
@@ -23,7 +23,7 @@ from gbdqn_ref.stats import WINDOW
 
 EVERY = 5  # episodes from point to point
 OPENING = "reuse", "gbdqn", "dqn"
-_, TWINS = conclude.TWINS  # that detect: reuse without boosters
+_, TWINS = evidence.TWINS  # that detect: reuse without boosters
 NAMED = DRAWN | {"twin-adam": ("DQN-reuse", ":")}
 ARMS = {arm: NAMED[arm] for arm in (*OPENING, *TWINS, "dqn-detected", "sliding")}
 DASHES = {"-": "none", "--": "7 4", "-.": "9 3 2 3", ":": "2 3"}  # of a line's style, as SVG has it
@@ -33,7 +33,7 @@ ANSWERS = "with", "without", "undecided"  # which twin may be ahead
 @cache
 def stored():
     """The study as it is stored."""
-    return conclude.stored()
+    return evidence.stored()
 
 
 def arms(study):
