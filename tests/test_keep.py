@@ -403,7 +403,7 @@ def test_what_is_found_is_asked_of_agents_that_hear(tmp_path, capsys):
 
 
 def test_a_program_ends_as_a_command_does():
-    """What it cannot print is a question mark, and a closed pipe is no error."""
+    """What it cannot print is a question mark, a closed pipe no error, an error one line."""
     levels = [sys.executable, KEEP / "calibrate.py", "levels", "--envs=acrobot"]
     reader, writer = os.pipe()
     os.close(reader)
@@ -414,6 +414,11 @@ def test_a_program_ends_as_a_command_does():
     table = [sys.executable, KEEP / "cartpole.py", "table"]
     done = subprocess.run(table, env=ascii, capture_output=True)
     assert done.returncode == 0 and b"lr ? 5" in done.stdout
+    for program, *words in (["study.py", "collect"], ["conclude.py"], ["decide.py"]):
+        words = [sys.executable, KEEP / program, *words, "--protocol=nowhere.toml"]
+        done = subprocess.run(words, capture_output=True, text=True)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert done.stderr.startswith(f"{program}: ") and "nowhere.toml" in done.stderr
 
 
 def test_a_copy_of_a_stored_run_does_not_count(tmp_path):
@@ -435,7 +440,7 @@ def test_a_run_that_is_refused_keeps_its_checkpoint(tmp_path, tiny):
     assert not (tmp_path / "results" / "rows.jsonl").exists()
 
 
-@pytest.mark.parametrize("program", ["study.py", "conclude.py", "decide.py"])
+@pytest.mark.parametrize("program", [study, conclude, decide])
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -453,13 +458,14 @@ def test_a_run_that_is_refused_keeps_its_checkpoint(tmp_path, tiny):
         ("acrobot.npz", (study.RESULTS / "acrobot.npz").read_bytes()),  # without its rows
     ],
 )
-def test_a_damaged_file_is_named_in_one_line(tmp_path, program, name, content):
+def test_a_damaged_file_is_named_in_one_line(tmp_path, monkeypatch, capsys, program, name, content):
+    own_signals(monkeypatch)
     (tmp_path / name).write_bytes(content)
-    words = ["collect"] if program == "study.py" else []
-    words = [sys.executable, KEEP / program, *words, f"--results={tmp_path}"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
-    assert done.stderr.startswith(f"{program}: ") and str(tmp_path / name) in done.stderr
+    words = ["collect"] if program is study else []
+    with pytest.raises(SystemExit, match="2"):
+        run_program(lambda: program.main([*words, f"--results={tmp_path}"]))
+    out, error = capsys.readouterr()
+    assert out == "" and error.count("\n") == 1 and str(tmp_path / name) in error
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
