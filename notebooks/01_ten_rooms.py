@@ -282,7 +282,7 @@ show(
     pictures.errors_and_policies(delta, old, new, goal=0),
     alt="TD errors of the old Q, now that the goal is room 0: a large positive one "
     "in room 1 for going left, two negative ones in room 9, none in the rooms between. "
-    "Below, the best action was right in all rooms and is left in all rooms now.",
+    "Below, the best action was right in rooms 0 to 8 and is left in rooms 1 to 9.",
 )
 
 # %% [markdown]
@@ -383,7 +383,7 @@ assert (dearer.q_star().argmax(1) == before.q_star().argmax(1)).all()
 # In that last world every TD error is negative. Every value moved by 10, and no action
 # changed: what is added everywhere is no reason to act differently. (Where walks end,
 # it can be a reason: a cost per step favours short walks.) **A drift of the values need
-# not be a drift of the policy.** An experiment can tell methods apart only if its
+# not be a drift of the policy.** An experiment can tell who adapts only if its
 # drifts change what to do.
 
 # %% tags=["checks"]

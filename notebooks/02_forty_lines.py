@@ -204,9 +204,9 @@ show(
 # Now read Algorithm 1. Line 7 chooses the action by a **softmax** of $Q_{m-1}$: at
 # random, but an action with a larger Q more often. Lines 9 and 16 make the target from
 # $\bar Q_{m-1}$. All three name the *frozen* part alone. The booster is added in line
-# 29, when its stage ends. The formula of the policy in the text has $Q_m$; so text and
-# algorithm disagree (A1), and the code can do both (D6). (D is for what our code
-# decides or does differently.)
+# 29, when its stage ends. The formula of the policy, in section “Gradient Boosted DQN”,
+# has $Q_m$; so formula and algorithm disagree (A1), and the code can do both (D6). (D
+# is for what our code decides or does differently.)
 #
 # The bar marks a delayed copy of a network. Neither bar nor softmax matters for how
 # many rooms are correct. The frozen part does not move, so nothing that $h$ learns can
@@ -214,7 +214,8 @@ show(
 #
 # To follow the letter takes one line: `agent.live = False`, after the drift. Before the
 # first drift the frozen part is 0 everywhere: an agent that acted by it would learn
-# nothing. So we let the first learner be live under both readings (D8).
+# only that a step costs 1. So we let the first learner be live under both readings
+# (D8).
 #
 # > **Predict.** How many rooms are correct after 300 episodes? And how many once $h$ is
 # > added? (Notebook 1 printed the TD errors of the old Q.)
@@ -264,7 +265,7 @@ show(
 
 # %%
 def boost(frozen, goal, alpha):
-    """A new table: frozen + α h, where h is the residual, and 0 in the goal's row."""
+    """A new table, frozen + α h: h is the residual, and 0 in the goal's row."""
     ...  # yours
 
 

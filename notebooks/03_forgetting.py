@@ -132,8 +132,9 @@ def transitions(goal, rooms=range(ROOMS)):
 
 # %% [markdown]
 # There is no walking here. The transitions that one update learns from are a
-# **batch**, and here each batch has all 18 transitions of the nine rooms. So whatever
-# we find is not a matter of exploring. First it learns that the goal is room 9:
+# **batch**. Here a batch has every transition of the rooms in question, at first all 18
+# of the nine rooms. So whatever we find is not a matter of exploring. First it learns
+# that the goal is room 9:
 
 # %%
 UPDATES = 800

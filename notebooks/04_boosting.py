@@ -36,7 +36,7 @@ rooms = np.eye(ROOMS, dtype=np.float32)  # room k as ten numbers: a one at place
 #
 # | paper | code | shape | what it is |
 # |---|---|---|---|
-# | $h_j$ | `net.forward(theta, x)` | (B, A) | booster j, a network |
+# | $h_j$ | `net.forward(theta, x)[0]` | (B, A) | booster j, a network |
 # | $\alpha_j$ | `ensemble.alpha[j]` | scalar | its weight |
 # | $\theta_j$ | `ensemble.theta[j]` | (P,) | its parameters; j counts from 0 in code |
 # | $Q_m$ | `ensemble.q(x)` | (B, A) | the answer of the ensemble |
@@ -434,9 +434,9 @@ assert np.isclose(plain, -5) and np.isclose(weighted, 1)
 assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 
 # %% [markdown]
-# Eq. 8 turns the best fit around and raises the very loss that it minimised (M12). With
-# the weights in both sums it cannot (T1-e). The package does so (D7), over all stored
-# transitions: the α of one batch may raise the loss of the rest (T1-j).
+# Eq. 8 turns the best fit around, and so raises the very loss that this fit minimised
+# (M12). With the weights in both sums it cannot (T1-e). The package does so (D7), over
+# all stored transitions: the α of one batch may raise the loss of the rest (T1-j).
 #
 # ## Eq. 9 · Folding the booster in
 #
@@ -458,7 +458,7 @@ assert (w * (r - plain * h) ** 2).sum() > (w * r**2).sum()
 
 # %%
 def fold_in(q_frozen, a, h, alpha):
-    """Q_m(s_i, a_i) from q_frozen (B,), actions a (B,), h_m(s_i, ·) (B, A), and α_m."""
+    """A new array, Q_m(s_i, a_i): q_frozen (B,), actions a (B,), h_m(s_i, ·) (B, A)."""
     ...  # yours
 
 

@@ -32,7 +32,7 @@ q_star = corridor(goal=9).q_star()
 # slowly, and a **replay**, which stores past steps and draws each batch from them
 # (notebook 6).
 #
-# ## Eq. 4, first half · The target
+# ## Eq. 4, second half · The target
 #
 # $$y_i = r_i + \gamma\,(1 - \text{terminated}_i)\,\max_{a'} \bar Q(s'_i, a') \tag{4}$$
 #
@@ -82,7 +82,7 @@ print("with the factor:", y[0], "  as printed:", printed[0])
 # The opposite mistake is as common. A **time limit** is not an end: if a walk is cut
 # off after some steps, it could have gone on, and the target must bootstrap. The paper
 # says that *done* means “the agent reached the goal state”; on CartPole and Hopper it
-# means that the agent fell (R15). The package has two flags, `terminated` and
+# means that the agent failed (R15). The package has two flags, `terminated` and
 # `truncated`.
 #
 # > **Predict.** Every third step is the last before a cut. Treat cuts as ends. Does
@@ -186,7 +186,7 @@ source(DQN.learn)
 
 # %%
 def polyak(target, online, tau):
-    """The target network's new parameters."""
+    """The target network's new parameters, as a new array."""
     ...  # yours
 
 
@@ -360,11 +360,10 @@ show(
 
 # %% [markdown]
 # The plot of the return over the episodes is called a **learning curve**. All four runs
-# learn. In the printed output the runs with a target network rise earlier, and those
-# without it rise higher; two runs of each do not show why. None of them climbs
-# steadily. A curve may end at its peak or far below it, and on another machine the same
-# seed draws another curve. So one run says nothing about *keeping* what was learnt;
-# notebook 12 counts it over many.
+# learn. In the printed output those without a target network rise higher; two runs of
+# each do not show why. None of them climbs steadily. A curve may end at its peak or far
+# below it, and on another machine the same seed draws another curve. So one run says
+# nothing about *keeping* what was learnt; notebook 12 counts it over many.
 
 # %% [markdown]
 # ## Summary

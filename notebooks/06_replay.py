@@ -53,6 +53,9 @@ def errors(stored, Q):
 
 
 # %% [markdown]
+# Half of the priority is the error's, half is recency's, and recency fades over some
+# 100 transitions. The formulas come below.
+#
 # > **Predict.** What share of the draws is old just after the drift, while Q is still
 # > that of the old world? And when Q has adapted, and knows the new world exactly?
 
@@ -243,7 +246,7 @@ assert np.abs(drawn - tree.leaves / 24).max() < 0.01
 show(
     pictures.tree(tree.levels, u),
     alt="Three rows of boxes: eight priorities, four sums of two, two sums of four. A "
-    "line at u = 14.5 meets one box in each row; the last is priority number 5.",
+    "line at u = 14.5 meets one box in each row; the last is the sixth priority.",
 )
 
 # %% [markdown]

@@ -131,8 +131,9 @@ solution("fall")
 assert fall(r, h) == 0.5
 
 # %% [markdown]
-# **Exercise 2.** The experiments do not use the whole step. They multiply by a
-# **shrinkage** η = 0.1. Which part of the fall A²/B is left with the step ηα?
+# **Exercise 2.** The experiments name a **shrinkage** η = 0.1, and leave open whether it
+# multiplies α or takes its place. Let it multiply α. Which part of the fall A²/B is left
+# with the step ηα?
 
 
 # %%
@@ -311,7 +312,8 @@ _ = interact(
 # | instead: the largest Bellman residual | is multiplied by at most \|1 − α\| + αγ | T1-h |
 #
 # Two smaller points: B > 0 needs an $h$ that is not zero on the whole sample (T1-c),
-# and with random rewards their noise stays in the sum, whatever $h$ is (T1-i).
+# and where the sample has a pair more than once, with different random targets, their
+# noise stays in the sum, whatever $h$ is (T1-i).
 
 # %% [markdown]
 # ## Summary

@@ -187,8 +187,9 @@ show(
 #
 # A kinder reading of the sketch chooses $h$ and α together, to minimise E. With every
 # pair in the data, $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q), but to know
-# this $h$ is to have solved the MDP. A small step along $(I - \gamma P_\pi)^{-1} g$
-# always lowers E, but it needs the transition probabilities (claim T2-o). The residual
+# this $h$ is to have solved the MDP. If each room has one greedy door, a small step along
+# $(I - \gamma P_\pi)^{-1} g$ lowers E, but it needs the transition probabilities (claim
+# T2-o). The residual
 # does descend when a fixed policy is evaluated under its stationary weights (claim
 # T2-p).
 #

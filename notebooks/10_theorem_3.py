@@ -224,8 +224,8 @@ assert aged["P*"] == 0 and aged["β = 1/5"] == F(1, 10)
 assert plain["β = 1"] == 0 and plain["P*"] == 14 == max(plain.values())
 
 # %% [markdown]
-# P* is best for the first f and the worst for the second (claim T3-f). With its
-# importance weights GB-DQN estimates a sum in which age does not occur: a transition's
+# P* is best for the first f and the worst for the second (claim T3-f). With full
+# importance weights, 1/(NP), GB-DQN estimates a sum without age: a transition's
 # share of the gradient is $|\delta - h|\,\|\nabla h\|$ (claim T3-j).
 #
 # The sketch takes three more steps, and none holds as it stands. The mixture nearest to

@@ -47,8 +47,9 @@ for j in (1, 2):
     assert np.allclose(change, abs(ensemble.alpha[j]) * np.abs(h), atol=1e-5)
 
 # %% [markdown]
-# It is true (claim T4-a), with |α| where Eq. 8 gives a negative step. By hand: r = (1,
-# −3) and h = (1, 1) give α = −1, and then the printed bound is negative.
+# It is true (claim T4-a). The theorem asks for α > 0, and Eq. 8 does not ensure it. By
+# hand: r = (1, −3) and h = (1, 1) give α = −1. Then the printed bound is negative; with
+# |α| it holds.
 
 # %%
 assert closed_form_alpha(np.array([1.0, -3.0]), np.ones(2)) == -1
@@ -227,7 +228,7 @@ show(
 # cancel, and then smaller steps help.
 #
 # **Exercise 3.** How many exact boosts (ε = 0) bring an error of 100 down to 1? The
-# experiments have three drifts.
+# experiments add three boosters.
 
 
 # %%
@@ -260,7 +261,7 @@ assert [boosts_needed(100, 1, a, 0.99) for a in (1, 0.1)] == [459, 4603]
 # Part 1 holds for every update of every network, so it does not make boosting stable.
 # Part 2 fails where the data miss a door that the max looks at. If every pair is fitted
 # within ε, the error ends at ε/(1 − γ) or below, for all steps up to 1 whose sum is
-# infinite. The four theorems share two lessons: a target computed from Q moves with Q,
+# infinite. Theorems 1, 2 and 4 share two lessons: a target computed from Q moves with Q,
 # and a guarantee needs every pair in the data. None of this shows that GB-DQN fails. If
 # it works, these theorems are not the reason.
 #

@@ -174,7 +174,7 @@ assert worst_error(theta, 1e-5) < 1e-9
 
 # %% [markdown]
 # The network is made of straight lines, so the only error is rounding: about 10⁻¹⁶/ε in
-# float64, 10⁻⁷/ε in float32. From 10⁻⁸ on a float32 parameter does not move. This is
+# float64, 10⁻⁷/ε in float32. At 10⁻⁸ most float32 parameters do not move. This is
 # why the package's tests run in float64. Training does not need ten digits. It runs in
 # float32, in half the memory.
 #

@@ -58,6 +58,13 @@ def said(found):
     return ", ".join(f"{LABELS[task]} {evidence.words(x)}" for task, x in found.items())
 
 
+def lost_for_good(task, arm):
+    """(at how many drifts the return fell and never came back, at how many it fell)."""
+    rows = STUDY.rows[task, arm].values()
+    fell = [k for row in rows for k in row["recovery"] if k != 0]
+    return fell.count(None), len(fell)
+
+
 SHIFTED = np.linspace(-1, 1, 20)  # twenty differences around 0
 
 
@@ -82,6 +89,20 @@ def test_gb_dqn_is_ahead_of_dqn():
     found = leads("gbdqn", "dqn")
     assert shown_on(found) == {"acrobot", "mountaincar"}
     shows("{}", said(found))
+
+
+@claim("X28")
+def test_it_rarely_gets_back_what_it_had():
+    """On no task does it come back from a larger share of its falls than DQN does."""
+    counts = {
+        task: [*lost_for_good(task, "gbdqn"), *lost_for_good(task, "dqn")]
+        for task in STUDY.tasks("oracle")
+    }
+    for never, fell, never_dqn, fell_dqn in counts.values():
+        assert never / fell > 0.8 and never / fell >= never_dqn / fell_dqn
+    words = "{} {} of {} (DQN {} of {})".format
+    told = ", ".join(words(LABELS[task], *each) for task, each in counts.items())
+    shows("of the drifts at which its return falls it never comes back at: {}", told)
 
 
 def found_by_quiet_charts(symptom):

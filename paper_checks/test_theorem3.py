@@ -296,12 +296,12 @@ def test_the_gap_for_three_exponents():
 
 
 @claim("T3-e")
-def test_at_the_usual_exponent_c_is_far_from_1():
-    """At a small error."""
-    small, exponent = 0.01, 0.6
-    c = td_priority(small, 0, exponent) / small
-    assert c > 6
-    shows("c = {:.2f} at |δ| = {}, γ = {}", c, small, exponent)
+def test_at_a_fixed_exponent_c_is_not_1():
+    """At a small error: far from it at PER's usual exponent, and not there at one near 1."""
+    small, exponents = 0.01, (0.6, 0.99)
+    c = [td_priority(small, 0, exponent) / small for exponent in exponents]
+    assert c[0] > 6 and c[1] > 1.04
+    shows("c = {:.2f} at |δ| = {}, γ = {}", c, small, exponents)
 
 
 @control("T3-e")

@@ -58,7 +58,7 @@ SITUATIONS = {  # what you know: (what to do, the arm that does it, minus which 
     "nothing changes (told of a change, or not)": [
         ("drop the data", "dqn-drop", "dqn-untold", "null"),
         ("detect, drop the data", "dqn-detected", "dqn-untold", "null"),
-        ("detect, drop, store", "twin-adam", "dqn-untold", "null"),
+        ("detect, drop, store, restart Adam", "twin-adam", "dqn-untold", "null"),
         ("detect, drop, store, add a booster", "reuse", "dqn-untold", "null"),
     ],
     "you cannot tell": [

@@ -95,7 +95,7 @@ def example(r):
 
 def tell(attempt, reading, Q, eta, r):
     """Run a boost in one room with one door; its reward is r, γ = ½, and Q* = 2r."""
-    return attempt(reading, Q, eta, example(r), 2 * r)
+    return attempt(reading, np.array([[Q]]), eta, example(r), np.array([[2 * r]]))
 
 
 def said(name, reading, Q, eta, r):

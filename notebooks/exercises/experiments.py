@@ -9,7 +9,7 @@ from . import Exercise
 
 def adaptation(returns, before, random):
     """On the scale on which 0 is the random policy and 1 the level before the drift."""
-    levels = (np.array(returns) - random) / (before - random)
+    levels = (returns - random) / (before - random)
     means = [levels[k - 10 : k].mean() for k in range(10, len(levels) + 1)]
     recovery = next((k for k, mean in enumerate(means, start=10) if mean >= 0.9), None)
     return 1 - levels[:20].mean(), recovery, levels.mean()
@@ -31,7 +31,7 @@ def level_for_drop(returns, before, random):
 
 def one_episode(returns, before, random):
     drop, _, area = adaptation(returns, before, random)
-    levels = (np.array(returns) - random) / (before - random)
+    levels = (returns - random) / (before - random)
     found = np.flatnonzero(levels >= 0.9)
     return drop, int(found[0]) + 1 if len(found) else None, area
 
@@ -121,9 +121,9 @@ EXERCISES = [
             "Never recovered is None, not the length of the regime.": length_for_never,
         },
         [
-            ([20.0] * 5 + [104.0] * 17, 100.0, 20.0),
-            ([104.0] + [20.0] * 21, 100.0, 20.0),
-            ([5.0 * k for k in range(30)], 80.0, 10.0),
+            (np.array([20.0] * 5 + [104.0] * 17), 100.0, 20.0),
+            (np.array([104.0] + [20.0] * 21), 100.0, 20.0),
+            (5.0 * np.arange(30), 80.0, 10.0),
         ],
     ),
     Exercise(

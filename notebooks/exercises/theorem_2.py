@@ -25,13 +25,13 @@ EXERCISES = [
         left_over,
         {
             "The sign: target minus Q makes Q shrink.": lambda steps, g: np.prod(
-                1 + np.asarray(steps) * (1 - g)
+                1 + steps * (1 - g)
             ),
             "The target moves with Q: the residual is (γ − 1)Q.": lambda steps, g: (
-                np.prod(1 - np.asarray(steps))
+                np.prod(1 - steps)
             ),
             "1 − γ, not γ: the residual of Q = 1 is γ − 1.": lambda steps, g: np.prod(
-                1 - np.asarray(steps) * g
+                1 - steps * g
             ),
             "Each boost has a residual of its own; steps multiply.": lambda steps, g: (
                 1 - (1 - g) * np.sum(steps)
@@ -40,7 +40,12 @@ EXERCISES = [
                 left_over(steps[:-1], g)
             ),
         },
-        [([1.0], 0.9), ([0.5], 0.8), ([1.0, 0.5], 0.9), ([0.3, 0.2, 0.1], 0.5)],
+        [
+            (np.array([1.0]), 0.9),
+            (np.array([0.5]), 0.8),
+            (np.array([1.0, 0.5]), 0.9),
+            (np.array([0.3, 0.2, 0.1]), 0.5),
+        ],
     ),
     Exercise(
         "off_by",
