@@ -367,9 +367,9 @@ print("the model is first wrong in episode", *first)
 
 # %% [markdown]
 # S is silent, and rightly so: nothing got worse. A model of the world does react. Here
-# it remembers where each action led the last time, and whether the episode ended there;
-# when the goal moves, only that is wrong. It does not care how well the agent does. It
-# sees only where the agent goes, and where physics are random it errs without a drift.
+# it remembers where each action last led, and whether the episode ended there; when the
+# goal moves, only that is wrong. It does not care how well the agent does. It sees only
+# where the agent goes, and where physics are random it errs without a drift.
 #
 # **Why not the TD error?** The paper takes it for the sign of a drift (claim X18). Put
 # ten old transitions for one new into the buffer, as in notebook 6, and let Q go in a
@@ -425,7 +425,7 @@ solution("keep")
 
 # %%
 def untold(survive, slack, seed):
-    """Episodes until all rooms are correct again, without a word from the schedule."""
+    """The last episode after which a room is wrong; nobody tells of the drift."""
     agent, rng, now, found = Keeper(seed), np.random.default_rng(100 + seed), 0, []
     chart = detect.Chart(LEVEL, slack)
     for episode in range(2 * EPISODES):
@@ -494,14 +494,13 @@ assert max(told, by_alarm, by_change) < 60 < loose
 # %% [markdown]
 # ## What the study found
 #
-# The ten rooms have a table, and are relearnt in a few dozen episodes. Does it hold with
-# networks, where old physics return on MountainCar, Acrobot and CartPole?
+# Does it hold with networks, on MountainCar, Acrobot and CartPole?
 # [The study](../benchmarks/keep/README.md) asks this. Its
 # [protocol](../benchmarks/keep/protocol.toml) was committed before the first reported
 # run: eight hypotheses, one measure (the mean return after the first event), equal
 # tuning, and 20 to 40 seeds that no setting was chosen on. (`dqn` has the settings
-# chosen for `dqn-drop`.) On a task that ends in `null` nothing changes; `held-out` is a
-# schedule on which nothing was chosen.
+# chosen for `dqn-drop`.) Where a task ends in `null` nothing changes; a `held-out`
+# schedule is one that nothing was chosen on.
 #
 # | arm | what it keeps; how it learns of a change: told, or by its own chart |
 # |---|---|
