@@ -320,8 +320,8 @@ show(
 # look at the last row. It is a **control**: it changes one suspected cause and nothing
 # else. Adam, the optimizer, remembers how large the gradients were, and makes larger
 # steps after small gradients. An agent that goes on enters the drift with small
-# gradients in that memory; a new $h$ comes with a new Adam. Give the agent that goes on
-# a new Adam as well, and its lead is gone. **Here freezing and going on are about
+# gradients in that memory; a new $h$ comes with a new Adam. Give a new Adam to the agent
+# that goes on, too, and its lead is gone. **Here freezing and going on are about
 # equally quick; what differed was the optimizer.** An experiment that compares methods
 # has to hold such things equal (notebook 12).
 #
@@ -331,7 +331,7 @@ show(
 # When the goal moves to the other end, the discrepancy is no small correction: it is as
 # large as Q itself.
 #
-# And when the old goal is back, freezing needs as long as the first time. Yet what it
+# And when the old goal is back, freezing takes as long as the first time. Yet what it
 # is looking for lies in its ensemble: $Q_1$, frozen at the first drift.
 
 # %%

@@ -309,8 +309,10 @@ constant = check("constant", constant)
 solution("constant")
 
 # %% [markdown]
-# > **Predict.** With r = (3, −1) and w = (¼, 1), four readings of that sentence give
-# > four constants. Multiply both weights by 9. Which of the four stay?
+# > **Predict.** Take r = (3, −1) and w = (¼, 1). Four readings of that sentence: fit r
+# > without weights; fit r with the weights in the loss; fit w r, or √w r, without
+# > weights in the loss. Each gives another constant. Multiply both weights by 9. Which
+# > of the four constants stay the same?
 
 # %% tags=["predicted"]
 r, w, one = np.array([3.0, -1.0]), np.array([0.25, 1.0]), np.ones(2)

@@ -76,13 +76,15 @@ assert y == bellman.td_target(np.array([reward]), np.array([end]), said, GAMMA)
 print("with the factor:", y[0], "  as printed:", printed[0])
 
 # %% [markdown]
-# As printed, a number that nothing ever corrects leaks from room 9 into room 8, and
-# from there into all others (P4).
+# As printed, a number that nothing ever corrects gets into Q(8, right). Here it goes no
+# further, since walking for ever costs only 10: the best Q of every room becomes −10,
+# and no room has a reason to go to the goal. A number above −10 would spread to all
+# rooms (P4).
 #
 # The opposite mistake is as common. A **time limit** is not an end: if a walk is cut
 # off after some steps, it could have gone on, and the target must bootstrap. The paper
-# says that *done* means “the agent reached the goal state”; on CartPole and Hopper it
-# means that the agent failed (R15). The package has two flags, `terminated` and
+# says that *done* means “the agent reached the goal state”; on Hopper, a robot on one
+# leg, it means that the agent fell (R15). The package has two flags, `terminated` and
 # `truncated`.
 #
 # > **Predict.** Every third step is the last before a cut. Treat cuts as ends. Does
@@ -196,8 +198,9 @@ solution("polyak")
 # %% [markdown]
 # What is it good for? Take it away: with τ = 1 the copy is the network itself. We
 # measure on the ten rooms, where Q* is known. The replay holds all 18 possible steps,
-# so exploration plays no part. Q is first a table, then a network whose input is the
-# room as one number, so that no room's Q can move alone.
+# so exploration plays no part. Q is first a table, plus a constant for each action that
+# all rooms share; then a network whose input is the room as one number, and whose
+# weights all rooms share.
 #
 # > **Predict.** τ = 1, 0.1, 0.01 and 0. Which is fastest on the table? Which ends
 # > nearest to Q* with the network? Where does τ = 0 end?
@@ -259,10 +262,10 @@ show(
 )
 
 # %% [markdown]
-# On the table τ = 0.01 only costs time, and τ = 0.1 is as fast as no target network.
-# With the network, τ = 1 moves the targets of all rooms at each update: Q jitters far
-# from Q*. With τ = 0.01 it arrives late, and much nearer. So τ trades speed for calm.
-# What is best depends on the task; 0.1 has both here.
+# On the table τ = 0.01 only costs time, and τ = 0.1 is almost as fast as no target
+# network. With the network, τ = 1 moves the targets of all rooms at each update: Q
+# jitters far from Q*. With τ = 0.01 it arrives late, and much nearer. So τ trades speed
+# for calm. What is best depends on the task; 0.1 has both here.
 #
 # With τ = 0 the target never moves. Q ends one step ahead of the copy that it started
 # with, and stays there, however long it learns:

@@ -53,8 +53,9 @@ def errors(stored, Q):
 
 
 # %% [markdown]
-# Half of the priority is the error's, half is recency's, and recency fades over some
-# 100 transitions. The formulas come below.
+# A priority is ½ of an error term plus ½ of a recency term. The error term is 0.06
+# where δ = 0, and 2.8 where |δ| = 5.5. The recency term is 1 for the newest transition
+# and fades over some 100, so few of the 11,000 have any. The formulas come below.
 #
 # > **Predict.** What share of the draws is old just after the drift, while Q is still
 # > that of the old world? And when Q has adapted, and knows the new world exactly?
@@ -176,8 +177,8 @@ assert 0.3 < recent / (recent + 0.3 * 50_000) < 1 / 3
 # %% [markdown]
 # Barely below even draws. The rate 0.0001 looks back over 10,000 transitions, and nine
 # in ten of those are old. The defaults suit a full buffer of 50,000: recency keeps
-# about a third of the draws when every $p^{TD}$ is 1 (D13); they do not forget a world
-# that fast. A small β with a larger rate does. It costs nothing here, where 1,000
+# about a third of the draws when every error term is 1 (D13); they do not forget a
+# world that fast. A small β with a larger rate does. It costs nothing here, where 1,000
 # random steps show every room. Notebook 13 asks what to keep elsewhere.
 #
 # ## Why even draws are not enough

@@ -71,9 +71,10 @@ assert waiting == 1 and np.isclose(agent.replay.tree.leaves[0], drawn, atol=1e-6
 pictures.beside(GBDQN.live.fget, GBDQN.q)
 
 # %% [markdown]
-# Here is the package's agent in the ten rooms. Its network is a table with a bias for
-# each action, which all rooms share, and the buffer holds each of the 18 transitions
-# once. So neither approximation nor exploration is to blame for what you will see.
+# Here is the package's agent in the ten rooms. Its network is a table plus, for each
+# action, a **bias**: a constant that all rooms share. The buffer holds each of the 18
+# transitions once. So neither approximation nor exploration is to blame for what you
+# will see.
 
 
 # %%
@@ -123,7 +124,7 @@ def turned(Q):
 # %% [markdown]
 # > **Predict.** An agent under Algorithm 1 to the letter has learnt the way to room 9.
 # > The goal moves to room 0. Its booster trains until it fits its residuals. In how
-# > many rooms does the agent act otherwise than before? And an agent with a live
+# > many rooms does the agent act differently from before? And an agent with a live
 # > target?
 
 # %% tags=["predicted"]
@@ -132,7 +133,7 @@ live, moving = after_drift(target="live", loss_on="alpha_h", alpha=0.5)
 for name, track, agent in (("frozen", frozen, letter), ("live", moving, live)):
     changed = (table(agent, 0).argmax(1) != track[0].argmax(1))[1:].sum()
     now = turned(table(agent, 0))
-    print(f"{name}: acts otherwise in {changed} rooms, goes left in {now}")
+    print(f"{name}: acts differently in {changed} rooms, goes left in {now}")
 assert (table(letter, 0) == frozen[0]).all() and turned(table(live, 0)) == 9
 assert (letter.ensemble.q(ONE_HOT) == live.ensemble.q(ONE_HOT)).all()  # before (D8)
 

@@ -287,12 +287,12 @@ def test_half_of_the_gap_is_left_after_69_updates():
 
 
 @control("P1")
-def test_control_averaged_parameters_are_not_averaged_functions():
-    """x ↦ θ₁ θ₂ x with (1, 1) and (−1, −1) is the same function, and their average is 0."""
-    theta, other = np.array([1.0, 1.0]), np.array([-1.0, -1.0])
-    assert theta.prod() == other.prod() == 1
-    polyak(theta, other, 0.5)
-    assert theta.prod() == 0
+def test_control_if_theta_moves_another_gap_is_left():
+    """θ moves from 1 to 2 between two updates: not (1 − τ)² of the gap is left."""
+    tau, target = 0.5, np.zeros(1)
+    for theta in (1.0, 2.0):
+        polyak(target, np.full(1, theta), tau)
+    assert 2 - target == 0.75 != (1 - tau) ** 2 * 2
 
 
 def targets(q_next):

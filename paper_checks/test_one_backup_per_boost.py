@@ -30,14 +30,14 @@ def live_through(agent, rewards, updates=4000):
 @cache  # a few checks look at the same run
 def after_drift(drifts=1, **reading):
     """(Q when the first drift comes, Q when the last booster is folded in, how many members it has,
-    the new MDP).
+    the MDP after the last drift); each drift has rewards of its own.
     """
     agent = one_hot_agent(capacity=NEXT.size, **reading)
     live_through(agent, OLD_REWARDS)
     before = agent.q(ONE_HOT)
-    for _ in range(drifts):
+    for k in range(drifts):
         agent.on_drift("drift")
-        live_through(agent, NEW_REWARDS)
+        live_through(agent, NEW_REWARDS + (drifts - 1 - k))
     agent = agent.finish()
     return before, agent.q(ONE_HOT), len(agent.ensemble), triangle(NEW_REWARDS)
 
@@ -114,14 +114,14 @@ def test_control_a_live_target_with_the_loss_on_h_stops_short():
 
 @claim("B4")
 def test_three_boosters_are_three_backups():
-    """One booster per drift: Q_4 is 𝒯³ of what there was when the first drift came."""
+    """One booster per drift, one backup under the rewards of each."""
     drifts = 3
-    Q, after, members, mdp = after_drift(drifts, target="frozen", loss_on="h", alpha=1.0)
-    for _ in range(drifts):
-        Q = mdp.bellman(Q)
+    Q, after, members, _ = after_drift(drifts, target="frozen", loss_on="h", alpha=1.0)
+    for k in range(drifts):
+        Q = triangle(NEW_REWARDS + (drifts - 1 - k)).bellman(Q)
     np.testing.assert_allclose(after, Q, atol=drifts * TOLERANCE)
     assert members == 1 + drifts
-    shows("Q_{} = 𝒯^{} Q_1 on a table", members, drifts)
+    shows("Q_{} = 𝒯₃ 𝒯₂ 𝒯₁ Q_1 on a table, rewards other after each drift", members)
 
 
 @claim("B4")

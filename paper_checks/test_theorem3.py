@@ -1,5 +1,5 @@
-"""Theorem 3: the mixed priorities tend to the product of error and recency. They do not, and no
-mixture is best.
+"""Theorem 3: the mixed priorities tend to the product of error and recency. They do not, and which
+mixture is best depends on the integrand.
 
 Letters: d = |δ|, τ = e^{−α age}, P the mixed rule, P* ∝ d τ the product that the theorem calls
 ideal, V the variance of one draw. Exact fractions take α = ln 2, so that τ = 1, ½, ¼, …

@@ -155,9 +155,9 @@ EXERCISES = [
         step_size,
         {
             "These are Eq. 8's sums, without the weights of the loss.": step_size_plain,
-            "This is B/A: the fraction stands on its head.": step_size_upside_down,
+            "This is B/A: the fraction is upside down.": step_size_upside_down,
             "The weights are missing in the sum below.": step_size_weights_above,
-            "Below belongs h², not r².": step_size_norm_of_r,
+            "The sum below the line has h² in it, not r².": step_size_norm_of_r,
             "α may be negative: a booster can point the wrong way.": step_size_positive,
         },
         [

@@ -65,6 +65,7 @@ EXERCISES = [
             (np.array([YES, YES, YES]), np.array([YES, YES, NO])),
             (np.array([YES, NO]), np.array([NO, YES])),
             (np.array([YES, NO, YES]), np.array([NO, NO, YES])),
+            (np.array([YES, YES, YES, YES]), np.array([NO, NO, YES, NO])),
         ],
     ),
 ]

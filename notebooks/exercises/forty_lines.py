@@ -110,6 +110,11 @@ class DriftForgetsFrozen(Boosted):
         self.frozen, self.h = self.h, np.zeros((ROOMS, 2))
 
 
+class DriftByQ(Boosted):
+    def drift(self):
+        self.frozen, self.h = self.q(), np.zeros((ROOMS, 2))
+
+
 class DriftKeepsH(Boosted):
     def drift(self):
         self.frozen = self.frozen + self.h
@@ -246,6 +251,7 @@ EXERCISES = [
                 DriftForgetsFrozen
             ),
             "drift adds h but keeps it too: now h counts twice.": DriftKeepsH,
+            "drift freezes q(). When live is False that leaves h out: add h.": DriftByQ,
         },
         [
             (END, Q_END),
@@ -261,6 +267,7 @@ EXERCISES = [
             (END, FROZEN, Q_END),
             (END, ("drift",), FROZEN, END, END, H_END),
             (*IN_8, ("drift",), FROZEN, *IN_8, BEFORE, H_BEFORE),
+            (END, ("drift",), FROZEN, END, ("drift",), Q_END),
         ],
         lived,
         told,

@@ -115,7 +115,7 @@ EXERCISES = [
             "The direction is turned around.": age_backwards,
             "The newest is not always in the last slot.": age_of_full_ring,
         },
-        [(3, 4, 5), (0, 4, 5), (1, 7, 5), (2, 7, 5)],
+        [(3, 4, 5), (0, 4, 5), (1, 7, 5), (2, 7, 5), (0, 9, 3)],
     ),
     Exercise(
         "probabilities",
@@ -157,7 +157,7 @@ EXERCISES = [
             "Upside down: what is drawn often would count more.": weights_upside_down,
             "Do not divide by the largest here.": weights_divided,
             "N is missing.": weights_without_n,
-            "N belongs into the power.": weights_n_outside,
+            "N belongs inside the power.": weights_n_outside,
             "N is the size of the buffer, not of the batch.": weights_of_batch,
         },
         [

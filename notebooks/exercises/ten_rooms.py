@@ -116,7 +116,7 @@ EXERCISES = [
         [
             (-1.0, False, np.array([-4.0, -2.0]), 0.5),
             (-1.0, False, np.array([-2.0, -4.0]), 0.9),
-            (-1.0, True, np.array([-4.0, -2.0]), 0.5),
+            (2.0, True, np.array([-4.0, -2.0]), 0.5),
         ],
     ),
     Exercise(
