@@ -155,8 +155,9 @@ assert (stuck.residual(row(19, 21)) == 0).all()
 # $$\nabla E_\mu = 2\,(\gamma P_\pi - I)^{\top} D\, g, \qquad
 #   \text{but with a frozen target:} \quad -2 D g$$
 #
-# Only for the second one is downhill, $2 D g$, the weighted residual (claim T2-b). It
-# is the **semi-gradient**. We check the first one by nudging Q.
+# Only the second one has the weighted residual, $2 D g$, as its downhill direction
+# (claim T2-b). This second one is the **semi-gradient**. We check the first one by
+# nudging Q.
 
 # %%
 nudge, slopes = F(1, 100), []
@@ -189,9 +190,8 @@ show(
 # pair in the data, $h = Q^* - Q$ and α = 1 give E = 0 at once (claim T2-q), but to know
 # this $h$ is to have solved the MDP. If each room has one greedy door, a small step along
 # $(I - \gamma P_\pi)^{-1} g$ lowers E, but it needs the transition probabilities (claim
-# T2-o). The residual
-# does descend when a fixed policy is evaluated under its stationary weights (claim
-# T2-p).
+# T2-o). The residual does descend when a fixed policy is evaluated under weights that
+# one step of that policy leaves as they are (claim T2-p).
 #
 # ## Where the data do not look
 #

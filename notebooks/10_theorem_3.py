@@ -230,9 +230,10 @@ assert plain["β = 1"] == 0 and plain["P*"] == 14 == max(plain.values())
 #
 # The sketch takes three more steps, and none holds as it stands. The mixture nearest to
 # the product is not the product, not even if nearness is measured as in the sketch, by
-# the KL divergence (claim T3-d). $|\delta|^\gamma$ tends to |δ| if γ tends to 1, but
-# not because the buffer grows (claim T3-e). And $P(i)$ does not tend to $P^*(i)$ for
-# the newest transition (claim T3-i).
+# the Kullback–Leibler divergence, another measure of how far two distributions are
+# apart (claim T3-d). $|\delta|^\gamma$ tends to |δ| if γ tends to 1, but not because
+# the buffer grows (claim T3-e). And $P(i)$ does not tend to $P^*(i)$ for the newest
+# transition (claim T3-i).
 #
 # ## What holds instead
 #

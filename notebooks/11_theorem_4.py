@@ -208,8 +208,8 @@ for _ in range(9):
 show(
     pictures.adaptation(case_a, [F(0), *[F(9)] * 8], both),
     alt="The first door's error over the boosts, on a logarithmic axis. Case A grows "
-    "by 1.8 at each boost. Case B jumps to 9 and stays. With both doors in the data "
-    "the error shrinks.",
+    "by the factor 1.8 at each boost. Case B jumps to 9 and stays. With both doors in "
+    "the data the error shrinks.",
 )
 
 # %%

@@ -122,7 +122,7 @@ for goal in (0, 7):
 # %% [markdown]
 # **The data matter most.** As long as old transitions are drawn, "room 8, right: the
 # end" is one of them, and no Q can be true to both worlds. With the old data the median
-# run has all rooms right only in the last dozen of the 150 episodes, or never. A new Q is
+# run is right for good only in the last dozen of 150 episodes, or never. A new Q is
 # nearer at first, partly because zeros go left at a tie, and room 0 is on the left. But
 # it is soon taught the old world again.
 #
@@ -230,8 +230,8 @@ for name in ("drop data", "drop data, store stages"):
 #
 # ## Who notices?
 #
-# From here on nobody tells the agent. It sees its returns. They differ from episode to
-# episode, because the starts do. One bad return means nothing. Several in a row do.
+# From here on nobody tells the agent. It sees its returns. They vary with starts and
+# random actions. One bad return means nothing. Several in a row do.
 #
 # Let $z$ say how many standard deviations a return lies *below* the usual. Add the $z$
 # up, subtract a slack κ each time, and never go below 0. This is the **CUSUM** chart
@@ -266,7 +266,7 @@ solution("cusum")
 # change began, if there was one: after the last 0. That is the estimated **change
 # point**.
 #
-# **Exercise 3.** Find both in a list of S.
+# **Exercise 3.** Find both in an array of S.
 
 
 # %%
@@ -504,7 +504,7 @@ assert max(told, by_alarm, by_change) < 60 < loose
 #
 # | arm | what it keeps; how it learns of a change: told, or by its own chart |
 # |---|---|
-# | `dqn`, `gbdqn` | everything; everything, as in the paper |
+# | `dqn`, `gbdqn` (as in the paper) | everything; told |
 # | `sliding` | network, newest data |
 # | `dqn-drop`, `dqn-detected` | network; told, chart |
 # | `gb-drop` | network, with a booster each time the motor is reversed; told |

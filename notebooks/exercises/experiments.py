@@ -76,7 +76,7 @@ def last_one_too(returns):
 
 
 def rows_for_columns(returns):
-    return forgetting(np.array(returns).T)
+    return forgetting(returns.T)
 
 
 # The largest standard deviation
@@ -110,7 +110,7 @@ def to_the_farther_end(mean, low, high):
 EXERCISES = [
     Exercise(
         "adaptation",
-        "first turn the returns into levels; then each measure is a mean.",
+        "turn the returns into levels; take means; for recovery count the episodes.",
         adaptation,
         {
             "The random policy is the 0: subtract its return.": without_random,
@@ -138,8 +138,8 @@ EXERCISES = [
             "Rows are times, columns are regimes.": rows_for_columns,
         },
         [
-            ([[9.0, 2.0], [4.0, 8.0]],),
-            ([[5.0, 9.0, 0.0], [7.0, 6.0, 1.0], [3.0, 4.0, 2.0]],),
+            (np.array([[9.0, 2.0], [4.0, 8.0]]),),
+            (np.array([[5.0, 9.0, 0.0], [7.0, 6.0, 1.0], [3.0, 4.0, 2.0]]),),
         ],
     ),
     Exercise(

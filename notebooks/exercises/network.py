@@ -118,6 +118,17 @@ def corrected_kept(theta, m, v, t, g, lr):
     return theta, m / (1 - 0.9**t), v / (1 - 0.999**t)
 
 
+def without_epsilon(theta, m, v, t, g, lr):
+    m, v = 0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g**2
+    return theta - lr * (m / (1 - 0.9**t)) / np.sqrt(v / (1 - 0.999**t)), m, v
+
+
+def epsilon_in_the_root(theta, m, v, t, g, lr):
+    m, v = 0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g**2
+    root = np.sqrt(v / (1 - 0.999**t) + 1e-8)
+    return theta - lr * (m / (1 - 0.9**t)) / root, m, v
+
+
 # Clipping
 
 
@@ -186,10 +197,13 @@ EXERCISES = [
             "v is a mean of squares, g².": without_square,
             "β weighs the old mean, 1 − β the new gradient.": swapped_rates,
             "Keep the plain means, not the corrected ones.": corrected_kept,
+            "ε is missing: add it to the root.": without_epsilon,
+            "ε stands outside the root.": epsilon_in_the_root,
         },
         [
             (0.0, 0.0, 0.0, 1, 4.0, 0.1),
             (1.0, 0.5, 0.25, 3, -2.0, 0.01),
+            (0.0, 0.0, 0.0, 1, 1e-8, 0.1),
             (np.zeros(2), np.array([0.1, -0.1]), np.full(2, 0.01), 10, np.ones(2), 0.1),
         ],
     ),

@@ -55,7 +55,7 @@ EXERCISES = [
             "That is α itself, the step; its fall is A times as large.": lambda r, h: (
                 (r @ h) / (h @ h)
             ),
-            "That is the squared step: A is squared, B is not.": lambda residual, h: (
+            "That is the squared step: square A, but not B.": lambda residual, h: (
                 ((residual @ h) / (h @ h)) ** 2
             ),
             "A² is there, B is missing.": lambda residual, h: (residual @ h) ** 2,
