@@ -72,7 +72,7 @@ def read_network(network):
 def train(library, config, env, steps):
     """Train the DQN of "stable_baselines3" or "sbx" under a config whose ε is constant.
 
-    A record every so many steps. SBX has Huber's loss and clips no gradient.
+    A record every so many steps. Both have Huber's loss; SBX clips no gradient.
     """
     import torch
 

@@ -6,7 +6,7 @@ from .gbdqn import GBDQN
 
 # In the paper all stages add up to one Q; here their sums so far compete (D22).
 SHELF = 3  # stages that compete
-PATIENCE, WINDOW = 50, 10  # episodes allowed for recovery, and in the mean return
+PATIENCE, WINDOW = 50, 10  # the learner's episodes: for its recovery, and in the mean return
 TURNS = 5  # episodes each, of a stage and of the learner that started from it
 
 
@@ -14,10 +14,10 @@ class ReuseGBDQN(GBDQN):
     """GB-DQN whose stages Q_1, …, Q_m compete when the physics change.
 
     The current Q is frozen and put on a shelf. Each of the last three stages on it plays one
-    episode; the best continues, with a new booster on top. From the 50th episode after the change
-    on they compete again whenever the mean return is below the midpoint between the worst return
-    and the mean before the change. With a warm start this is DQN that stores and reuses its
-    networks.
+    episode; the best continues, with a new booster on top. Once the learner itself has played 50
+    episodes since, they compete again whenever the mean of its last ten returns is below the
+    midpoint between the worst return and the mean before the change. With a warm start this is DQN
+    that stores and reuses its networks.
 
     A learner begins on probation where the stage that it started from still does well, above that
     midpoint: the two play in turn until the learner's last five returns are at least as good.
@@ -28,7 +28,7 @@ class ReuseGBDQN(GBDQN):
         self.shelf = np.empty(0, int)  # stages, the newest last
         self.returns = np.empty(0)  # of the trials so far, the newest stage first
         self.on_trial = False
-        self.recent = np.empty(0)  # returns since the last change, at most PATIENCE
+        self.recent = np.empty(0)  # the learner's since the last change, at most PATIENCE
         self.worst, self.before = np.inf, -np.inf  # the worst return, the mean before the change
         self.base, self.on_probation = 0, False  # the stage that the learner started from
         self.turns = np.empty(0)  # returns of the base, the learner, the base, … on probation

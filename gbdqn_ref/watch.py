@@ -10,7 +10,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from . import UsageError, drift, plots, runs
+from .agents import AGENTS
 from .files import check_picture, write_atomically
+from .gbdqn import GBDQN
 from .schedule import describe
 from .train import episode_seed
 
@@ -94,8 +96,11 @@ def plane(n: int = 61) -> np.ndarray:
 def maps(run: Path | str, booster: int | None = None) -> plots.Figure:
     """Q_{m−1}, α_m h_m and Q_m over MountainCar's plane; booster m is the last one by default."""
     config, agent = runs.read_agent(run)
-    if config.env != "mountaincar" or not hasattr(agent, "staged_q"):
-        raise UsageError(f"maps need a run of GB-DQN on MountainCar; {run} has another run")
+    own = config.resolved()
+    adds_up = AGENTS[own.agent].make is GBDQN and (own.zero_output or not own.warm_start)
+    if own.env != "mountaincar" or not adds_up:
+        wanted = "a run of GB-DQN on MountainCar whose boosters begin anew"
+        raise UsageError(f"maps need {wanted}; {run} has another run")
     stages = agent.staged_q(plane())
     m = len(stages) if booster is None else booster
     if not 2 <= m <= len(stages):

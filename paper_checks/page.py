@@ -126,7 +126,7 @@ def filled(text, row):
     'it grows: 1 → 2 ([T1-a](#t1-a))'
     """
     text = re.sub(r"\{(\w+)\}", lambda name: row["figures"].get(name[1], name[0]), text)
-    return re.sub(r"\b(T\d-[a-z]|[A-Z]\d+)\b", lambda found: linked(found[0], row["id"]), text)
+    return ledger.ID.sub(lambda found: linked(found[0], row["id"]), text)
 
 
 def linked(id, here=""):

@@ -8,11 +8,10 @@ matplotlib.use("agg")
 import matplotlib.pyplot as plt
 import reruns
 
-from gbdqn_ref.agents import OKABE_ITO
+from gbdqn_ref.agents import BLUE, VERMILION
 
-BLUE, VERMILLION = OKABE_ITO[:2]
 LEFT = -6  # a dot further left is a triangle here
-LOOK = {"replay": (BLUE, 0.15), "boosting": (VERMILLION, -0.15)}  # colour, height in the row
+LOOK = {"replay": (BLUE, 0.15), "boosting": (VERMILION, -0.15)}  # colour, height in the row
 
 
 def clear(difference, low, high):
@@ -29,7 +28,7 @@ def effects():
     """{study: {ingredient: clear difference}} of the studies of five seeds or more."""
     found = {}
     for study in reruns.STUDIES:
-        if len(reruns.stored(study)["seeds"]) > 3:
+        if len(reruns.stored(study)["seeds"]) >= 5:
             found[reruns.label(study)] = {
                 name: clear(*reruns.paired(study, *pair))
                 for name, pair in reruns.INGREDIENTS.items()

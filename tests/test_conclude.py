@@ -21,7 +21,7 @@ import conclude
 import decide
 import drawings
 import evidence
-from protocol import Protocol, settings_hash
+from protocol import FILE, Protocol, settings_hash
 from study import RESULTS, Store, chosen
 
 BASES = "acrobot", "mountaincar", "cartpole"
@@ -399,6 +399,19 @@ def test_a_folder_without_runs_is_refused_and_nothing_is_written(tmp_path, progr
     assert {path.name for path in tmp_path.iterdir()} == {"results", "README.md", "page.md"}
 
 
+def test_a_study_that_ends_soon_after_a_drift_is_drawn():
+    """The fast one has 40 episodes after its drift. An exploratory one has no pictures."""
+    protocol = Protocol(FILE.with_name("fast.toml"), {"acrobot": {"own": {}}})
+    returns = {"acrobot": {f"dqn-{seed}": np.full(140, -100.0) for seed in (0, 1)}}
+    rows = {("acrobot", "dqn", seed): run() for seed in (0, 1)}
+    study = evidence.Study(SimpleNamespace(protocol=protocol, rows=rows, returns=returns))
+    episode, found = drawings.aligned(study, "acrobot", "dqn")
+    assert (episode[0], episode[-1]) == (-20, 39) and found.shape == (2, 60)
+    assert [*drawings.drawn(study)] == ["acrobot"]
+    protocol.hypotheses = []
+    assert drawings.drawn(study) == {}
+
+
 def test_runs_without_returns_have_a_page_and_no_picture(stored):
     (stored / "mountaincar.npz").unlink()
     conclude.main([f"--results={stored}"])
@@ -433,7 +446,7 @@ def test_the_stored_page_is_what_the_program_writes():
 def test_the_page_of_an_exploratory_protocol(name):
     """It tests nothing, and says so."""
     results = RESULTS / name
-    study = evidence.stored(results, conclude.FILE.with_name(f"{name}.toml"))
+    study = evidence.stored(results, FILE.with_name(f"{name}.toml"))
     text = (results / "README.md").read_text(encoding="utf-8")
     assert text == conclude.page(study, results)
     assert text.startswith(f"# {study.protocol.content['question']}\n")

@@ -234,6 +234,12 @@ WRONG = {
     "seeds to tune": (study, ["tune", "--seeds=3"], "--arms and --seeds are options of `report`"),
     "tasks to collect": (study, ["collect", "--tasks=acrobot"], "`collect` takes all tasks"),
     "an unknown command": (study, ["reprot"], "invalid choice: 'reprot'"),
+    "no task": (study, ["report", "--tasks="], "--tasks: must not be empty"),
+    "two tasks": (
+        again,
+        ["acrobot,cartpole", "dqn", "twin"],
+        "there is no task 'acrobot,cartpole'",
+    ),
     "an unknown task": (study, ["report", "--tasks=pong"], "there is no task 'pong'"),
     "an unknown arm": (study, ["report", "--tasks=acrobot", "--arms=x"], "there is no arm 'x'"),
     "an empty address": (study, ["report", "--dask="], "--dask: must not be empty"),

@@ -115,6 +115,9 @@ def test_each_seed_serves_one_purpose(protocol, purpose, seed):
     [
         ('arm = "reuse-told"', 'arm = "reuse-tld"', "no arm 'reuse-tld'"),
         ('tasks = ["mountaincar"]', 'tasks = ["hopper"]', "no task 'hopper'"),
+        ('    "dqn", "sliding"', '    "dqn", "slidng"', "no arm 'slidng'"),
+        ('on = "sliding"', 'on = "slidng"', "no arm 'slidng'"),
+        ('tuned_on = "acrobot"', 'tuned_on = "acrobat"', "no task 'acrobat'"),
         ('id = "H2"', 'id = "H1"', "each once"),
         ("report = [2000, 2099]", "", "has no 'report'"),
         ("report = [2000, 2099]", "report = [2000]", "a first and a last one"),

@@ -332,7 +332,15 @@ def test_the_refusal_names_the_boosters_that_can_be_mapped(monkeypatch, count, w
         watch.maps("run", 9)
 
 
-@pytest.mark.parametrize("settings", [dict(env="cartpole"), dict(env="mountaincar", agent="dqn")])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        dict(env="cartpole"),
+        dict(env="mountaincar", agent="dqn"),
+        dict(env="mountaincar", agent="gbdqn-reuse"),  # its stages do not add up
+        dict(env="mountaincar", warm_start=True, zero_output=False),  # nor do these
+    ],
+)
 def test_maps_are_only_for_gbdqn_on_mountaincar(tmp_path, settings):
     runs.train(Config(episodes=1, capacity=300, **settings), tmp_path / "run", quiet=True)
     with pytest.raises(UsageError, match="has another run"):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import study
 from evidence import stored, words
-from protocol import FILE, count
+from protocol import FILE, Protocol, count
 
 from gbdqn_ref.__main__ import Parser, program
 
@@ -25,6 +25,8 @@ def main(arguments=None):
     parser.add_argument("--protocol", type=Path, default=FILE)
     parser.add_argument("--out", type=Path, default=Path("runs/again"))
     args = parser.parse_args(arguments)
+    for arm in (args.arm, args.other):
+        Protocol(args.protocol).check(args.task, arm)
     arms, results = f"{args.arm},{args.other}", args.out / "results"
     options = [f"--tasks={args.task}", f"--arms={arms}", f"--seeds={args.seeds}"]
     options += [f"--jobs={args.jobs}", f"--protocol={args.protocol}", f"--out={args.out}"]

@@ -20,7 +20,8 @@ so but for Acrobot, where one of the return does, and none of the model's error.
 the false alarms per run, for each environment the lowest level with at most one in twenty runs, and
 how soon a fall of the return is found, by its size.
 `found` reads the folders of a study with detecting agents. A drift counts if it costs a run half of
-its own span, by its stored greedy evaluation.
+what it had learnt by then, and if that was more than half of its best, by its stored greedy
+evaluation.
 """
 
 import argparse

@@ -68,7 +68,7 @@ def config_of(event, seed, **values):
 
 
 def run_seed(out, seed):
-    """Train one agent, and every arm from a copy of it; write {event: {arm: measures}}."""
+    """Train one agent, and every arm from a copy of it; write {"EVENT: ARM": measures}."""
     config = config_of("null", seed)
     base = train.make_agent(config)
     returns = [record["return"] for record in islice(train.run(config, base), EPISODE)]
@@ -111,7 +111,7 @@ def run_arm(agent, config, way):
 
 
 def target(agent, way):
-    """The target of Eq. 3, clipped at the largest possible value, or with double Q-learning."""
+    """The target of Eq. 4, clipped at the largest possible value, or with double Q-learning."""
     plain, last = bellman.td_target, {}
 
     def clipped(r, terminated, q_next, gamma):
@@ -203,10 +203,9 @@ def cells(seeds, event, arm):
         return " | | | "
     rows = [seed[f"{event}: {arm}"] for seed in seeds]
     first, last, dormant = (stats.iqm([row[name] for row in rows]) for name in SHOWN)
-    dqn = [seed[f"{event}: DQN"]["last"] for seed in seeds]
-    apart = [row["last"] - other for row, other in zip(rows, dqn, strict=True)]
-    low, high = stats.bootstrap_interval(np.array(apart), np.random.default_rng(0))
-    difference = "" if arm == "DQN" else f"{stats.iqm(apart):+.0f} [{low:+.0f}, {high:+.0f}]"
+    ends = [[seed[f"{event}: {each}"]["last"] for seed in seeds] for each in (arm, "DQN")]
+    apart, low, high = stats.paired_difference(*ends, np.random.default_rng(0))
+    difference = "" if arm == "DQN" else f"{apart:+.0f} [{low:+.0f}, {high:+.0f}]"
     return f"{first:.0f} | {last:.0f} | {difference} | {dormant:.2f}"
 
 

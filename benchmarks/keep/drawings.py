@@ -26,7 +26,12 @@ DRAWN = {  # arm: its name in the picture, and its line
 
 
 def drawn(study):
-    """{task: arms that can be drawn} of the tasks that have most of them."""
+    """{task: arms that can be drawn} of the tasks that have most of them.
+
+    An exploratory protocol, without hypotheses, has no pictures.
+    """
+    if not study.protocol.hypotheses:
+        return {}
     found = {
         task: [arm for arm in DRAWN if study.curves(task, arm)] for task in study.tasks("oracle")
     }
@@ -82,15 +87,16 @@ def around(study):
                 axes.spines[["top", "right"]].set_visible(False)
                 if task == next(iter(tasks)):
                     axes.set_title(DRAWN[arm][0], loc="left", fontsize=10)
-            row[0].set_ylabel(f"{LABELS[task]}: return")
+            row[0].set_ylabel(f"{LABELS[study.config(task, arms[0]).env]}: return")
         figure.supxlabel("episodes since the motor was reversed", fontsize=10)
     return figure
 
 
 def aligned(study, task, arm):
     """(episodes since a reversal, each seed's mean return over its reversals (seeds, episodes))."""
-    starts = [regime.start for regime in study.config(task, arm).regimes[1:] if regime.drifted]
-    episode = np.arange(-EDGE, 3 * EDGE)
+    config = study.config(task, arm)
+    starts = [regime.start for regime in config.regimes[1:] if regime.drifted]
+    episode = np.arange(-EDGE, min(3 * EDGE, config.episodes - max(starts)))
     returns = [
         np.mean([x[start + episode] for start in starts], axis=0)
         for x in study.curves(task, arm).values()

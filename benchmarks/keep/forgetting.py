@@ -71,7 +71,7 @@ class LocalReplay(UniformReplay):
 
 
 def measure(env, arm, seed, **values):
-    """The mean return of one run after the first event, and the share of its ring that is drawn."""
+    """The mean return after the first event, and how many transitions are drawn in the end."""
     settings, local = ARMS[arm]
     config = Config.preset(env, "recurring", agent="dqn", seed=seed, **settings | values)
     agent = train.make_agent(config)

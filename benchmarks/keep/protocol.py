@@ -44,7 +44,7 @@ PLAN = {  # of the tuning, if a method is tuned
 
 
 class Protocol:
-    """The contents of a protocol, checked: every arm, task and part that is named exists.
+    """The contents of a protocol, checked: every arm and task that is named exists.
 
     `tuned` holds the settings that its tuning has chosen, {task: {method: settings}}.
     """
@@ -69,6 +69,15 @@ class Protocol:
         self.tuned = {} if tuned is None else tuned
         self.method = {arm: name for name, method in methods.items() for arm in method["arms"]}
         check_plan(self.seeds, self.looks["seeds"], self.hypotheses)
+        self._check_names(methods)
+
+    def _check_names(self, methods):
+        """UsageError unless every arm and task is there that the contents name."""
+        tuned = (method["on"] for method in methods.values())
+        for arm in (*self.content["decisive"], *self.method, *tuned):
+            self.check_arm(arm)
+        for name, task in self.tasks.items():
+            self.parts(task.get("tuned_on", name))
         for hypothesis in self.hypotheses:
             for run in runs_of(hypothesis):
                 self.check(*run)
@@ -79,11 +88,15 @@ class Protocol:
             raise UsageError(f"there is no task {task!r} in the protocol; it has {[*self.tasks]}")
         return set(self.tasks[task]["parts"])
 
+    def check_arm(self, arm):
+        """UsageError unless this arm is in the protocol."""
+        if arm not in self.arms:
+            raise UsageError(f"there is no arm {arm!r} in the protocol; it has {[*self.arms]}")
+
     def check(self, task, arm, seed=None, purpose="report"):
         """UsageError unless this run is in the protocol."""
         parts = self.parts(task)
-        if arm not in self.arms:
-            raise UsageError(f"there is no arm {arm!r} in the protocol; it has {[*self.arms]}")
+        self.check_arm(arm)
         if not parts & set(self.arms[arm]["parts"]):
             raise UsageError(f"the arm {arm} is in no part of the study that {task} is in")
         low, high = self.seeds[purpose]

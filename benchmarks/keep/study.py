@@ -7,8 +7,8 @@
 
 `tune` writes the settings it chooses, and all it tried, to TASK-tuned.json in --results. `report`
 trains the arms of its tasks with them. `collect` reads the complete runs in --out into --results:
-one row per run in rows.jsonl, and the returns of the decisive arms in TASK.npz. Both commands do so
-as they go on, and a run whose row is stored is not trained again, on whatever machine. With other
+one row per run in rows.jsonl, and the returns of the decisive arms in TASK.npz. `report` does so
+after each arm, and a run whose row is stored is not trained again, on whatever machine. With other
 --results everything is run again, with the settings that are stored here.
 """
 
@@ -293,7 +293,7 @@ def options(arguments):
     """The command line, read."""
     parser = Parser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=["tune", "report", "collect"])
-    parser.add_argument("--tasks", help="default: acrobot,mountaincar,cartpole")
+    parser.add_argument("--tasks", type=nonempty, help="default: acrobot,mountaincar,cartpole")
     parser.add_argument("--arms", type=lambda text: text.split(","), help="default: all")
     parser.add_argument("--seeds", type=count, help="default: 20")
     parser.add_argument("--jobs", type=count, default=2)
