@@ -14,6 +14,7 @@ SHOWN = {  # a file or folder of the repository: its page
     "paper_checks/results/keep/README.md": "keep.md",
     "paper_checks/results/keep/settings/README.md": "settings.md",
     "paper_checks/results/keep/network/README.md": "network.md",
+    "paper_checks/results/keep/hopper/README.md": "hopper.md",
     "benchmarks/keep/README.md": "detectors.md",
     "notebooks/README.md": "course/index.md",
     "docs/what_to_keep.md": "what_to_keep.md",

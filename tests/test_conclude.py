@@ -442,7 +442,7 @@ def test_the_stored_page_is_what_the_program_writes():
     assert readme == decide.readme(study, readme)
 
 
-@pytest.mark.parametrize("name", ["settings", "network"])
+@pytest.mark.parametrize("name", ["settings", "network", "hopper"])
 def test_the_page_of_an_exploratory_protocol(name):
     """It tests nothing, and says so."""
     results = RESULTS / name
