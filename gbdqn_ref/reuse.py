@@ -28,7 +28,7 @@ class ReuseGBDQN(GBDQN):
         self.shelf = np.empty(0, int)  # stages, the newest last
         self.returns = np.empty(0)  # of the trials so far, the newest stage first
         self.on_trial = False
-        self.recent = np.empty(0)  # the learner's since the last change, at most PATIENCE
+        self.recent = np.empty(0)  # the learner's returns since the last change, at most PATIENCE
         self.worst, self.before = np.inf, -np.inf  # the worst return, the mean before the change
         self.base, self.on_probation = 0, False  # the stage that the learner started from
         self.turns = np.empty(0)  # returns of the base, the learner, the base, … on probation

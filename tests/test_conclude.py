@@ -474,6 +474,31 @@ def test_the_ledger_says_which_tasks_its_verdicts_rest_on():
         assert all(label in rows[id]["extent"] for label in complete), id
 
 
+def test_what_is_said_of_hopper():
+    """Of arms that its page does not compare, and of the greedy policy around the first drift."""
+    text = (conclude.TEXT.parent / "README.md").read_text(encoding="utf-8")
+    text = text.partition("## On Hopper")[2].partition("\n## ")[0].replace("\n   ", " ")
+    study = evidence.stored(RESULTS / "hopper", FILE.with_name("hopper.toml"))
+    for arm, other, of in (("dqn", "dqn-drop", "first"), ("twin-told-adam", "reuse-told", "value")):
+        figure = evidence.words(study.difference("hopper", arm, other, of)).replace("+", "")
+        assert figure in text, figure
+    ends = stats.iqm(study.values("hopper", "dqn", of="final")[0])
+    for regime in (0, 1):  # of the policy before the first drift, in the stock and drifted physics
+        (x,) = study.values("hopper", "dqn", of=lambda row, k=regime: row["evaluation"][0][k])
+        assert f"{x.min():.0f} to {x.max():.0f}" in text
+    assert f"{ends:,.0f}" in text
+
+
+def test_how_often_tuning_raised_epsilon():
+    raised = [
+        each["epsilon_restart"] > 0 for task in chosen(RESULTS).values() for each in task.values()
+    ]
+    assert f"In {raised.count(False)} of {len(raised)} choices" in decide.TEXT.read_text("utf-8")
+    page = (decide.ROOT / "site/what_to_keep.md").read_text(encoding="utf-8")
+    assert f"raised it in {sum(raised)} of {len(raised)} choices" in page
+    assert chosen(RESULTS)["cartpole"]["dqn-drop"]["epsilon_restart"] == 0.3
+
+
 # --- the answer -----------------------------------------------------------------------------------
 
 
