@@ -9,6 +9,7 @@ import subprocess
 import threading
 from concurrent.futures import Future
 from dataclasses import replace
+from unittest import mock
 
 import pytest
 from helpers import SMALL, Here, command, contents, environ, flags, refused, train_here, wait_for
@@ -382,7 +383,8 @@ def kill_when(ready, pid):
     os.kill(pid, signal.SIGKILL)
 
 
-@pytest.mark.filterwarnings("ignore")  # Dask warns of processes that have died
+@mock.patch.dict(os.environ)  # Dask sets MALLOC_TRIM_THRESHOLD_ here, among others, and leaves it
+@pytest.mark.filterwarnings("ignore")  # and warns of processes that have died
 def test_a_dask_cluster_of_which_a_worker_is_killed_writes_the_same_bytes(tmp_path, sequential):
     """Two worker processes, one of which is killed as soon as a run has begun."""
     distributed = pytest.importorskip("distributed")
